@@ -15,7 +15,7 @@ struct DrawContext {
   const Scene& scene;
   const LensUniforms& lens;
   Framebuffer& framebuffer;  // bound while passes draw
-  Receivers& receivers;      // begun for the plan before passes draw
+  Receivers& receivers;      // begin_frame() is called before passes draw
   const ObjectPainter& objects;
   const VideoTexture& video;  // holds `frame` while passes draw
   const Frame& frame;

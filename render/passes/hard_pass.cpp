@@ -84,7 +84,8 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.plane == receiver.plane) kinds.emplace(draw.light, strength_of(draw));
   }
-  const bool apart = kinds.size() <= kMaxHardLights;  // else a light uses its highest opacity
+  // With too few bits, a light has one bit and its highest opacity.
+  const bool separate = kinds.size() <= kMaxHardLights;
   std::vector<Blocked> lights;
   std::set<Key> seen;
   for (const HardShadowDraw& draw : plan.hard_shadows) {
@@ -94,7 +95,7 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
     if (shadow.triangles.count() == 0 || !seen.insert(key).second) continue;
     const float strength = strength_of(draw);
     auto found = std::ranges::find_if(lights, [&](const Blocked& known) {
-      return known.light == draw.light && (!apart || known.strength == strength);
+      return known.light == draw.light && (!separate || known.strength == strength);
     });
     if (found == lights.end()) {
       PENUMBRA_ASSERT(lights.size() < kMaxHardLights);

@@ -1,6 +1,6 @@
 // Hard shadows of the scene's lights on planes. Each light has a stencil bit, set where any caster
 // blocks it, so that overlapping casters darken a pixel once. Casters of different opacity have
-// separate bits if there are enough. Each pixel then loses the fraction of light of its set of
+// separate bits if there are enough bits. Each pixel then loses the fraction of light of its set of
 // blocked lights, so that the shadows of several lights add up physically.
 #pragma once
 
@@ -53,7 +53,7 @@ class HardPass : public Pass {
 
   ShaderProgram shape_program_;
   TranslucentProgram light_program_;
-  std::optional<double> longest_edge_;  // [m]; nullopt: no lens distortion
+  std::optional<double> longest_edge_;  // maximum edge [m]; nullopt: no lens distortion
   std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
   std::map<Key, Shadow> shadows_;
 };

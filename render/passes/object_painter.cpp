@@ -40,17 +40,17 @@ const Material& material_of(const Model& model, int index) {
 
 // Checks image sizes before the upload, because a driver's error would not report the image.
 Result<void> images_fit(const Scene& scene) {
-  GLint most = 0;
-  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
+  GLint max_side = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_side);
   for (const SceneObject& object : scene.objects) {
     if (!object.model) continue;
     for (const Texture& texture : object.model->textures) {
-      if (std::max(texture.width, texture.height) <= most) continue;
+      if (std::max(texture.width, texture.height) <= max_side) continue;
       return fail(
           "{}: object \"{}\": an image of its model{}{} is {} x {} px, and this graphics driver "
           "takes {} px along a side at most; make the image smaller",
           scene.file, object.name, object.model_file.empty() ? "" : " ", object.model_file,
-          texture.width, texture.height, most);
+          texture.width, texture.height, max_side);
     }
   }
   return {};

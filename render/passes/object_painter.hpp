@@ -19,8 +19,8 @@
 
 namespace penumbra {
 
-// Converts a length [m] to units of a model drawn at this scale. Rounds down to a quarter power of
-// two, so that models at similar scales are uploaded once.
+// Converts a length [m] to units of a model drawn at this scale. Rounds the scale up to a quarter
+// power of two, so that models at similar scales are uploaded once.
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 inline constexpr int kShadowMaskUnit = 1;  // texture unit of masks
@@ -58,11 +58,11 @@ class ObjectPainter {
   // Draws blended surfaces, from the farthest to the nearest mesh, and likewise the triangles of a
   // mesh. Writes no depth, except through a screen-door.
   int draw_blended(const FramePlan& plan, const LensUniforms& lens, Framebuffer& framebuffer) const;
-  // Draws one object with the current tests and masks, at the same depth as above.
+  // Draws one object with the current tests and masks, at the depth of draw_objects().
   int draw_alone(const ObjectDraw& draw, const FramePlan& plan, const LensUniforms& lens) const;
-  // Darkens one object by blocking one of plan.lights. `add_up`: adds the blocked fraction of its
-  // light, linear, times `opacity`. The caller must have begun Blending::darken or sum and, in mode
-  // retexture, copied the framebuffer or the sums.
+  // Darkens one object by blocking one of plan.lights. `add_up`: adds the blocked fraction of
+  // linear light times `opacity` to the sums instead. The caller must have begun Blending::darken
+  // (or sum) and, in mode retexture, copied the framebuffer (or the sums).
   int draw_darkened(const ObjectDraw& draw, const FramePlan& plan, const LensUniforms& lens,
                     int light, float opacity, bool add_up) const;
 
@@ -76,10 +76,10 @@ class ObjectPainter {
     GlMesh surface{3, 3, 2, 4};  // position, normal, texture coordinates, colour
     int material = 0;
     std::optional<GlBuffer> map_vertices;  // if the material has maps
-    // If it blends: its triangles, their centres, and the mean of the centres; object units.
+    // Only for materials that blend.
     std::vector<std::array<std::uint32_t, 3>> faces;
-    std::vector<glm::vec3> middles;
-    glm::vec3 middle{0.0F};
+    std::vector<glm::vec3> middles;  // centres of `faces`, object units
+    glm::vec3 middle{0.0F};          // mean of `middles`
   };
   struct GpuMaterial {
     // nullptr: none.
@@ -110,7 +110,7 @@ class ObjectPainter {
                                           float max_edge);
   static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
                                      bool color);
-  // Draws all surfaces except blended ones; for phantoms also these.
+  // Draws the surfaces that do not blend; of phantoms, all surfaces.
   int draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
   int draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
@@ -128,7 +128,7 @@ class ObjectPainter {
   TranslucentProgram masked_program_;
   bool blends_ = false;  // some material blends
   Translucency mode_ = Translucency::blend;
-  // `tone` of object.frag.glsl; that of sRGB if the camera's response is unknown.
+  // `tone` of object.frag.glsl; the sRGB curve if the camera's response is unknown.
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // One per scene object.
   std::vector<std::shared_ptr<GpuModel>> models_;  // may be null

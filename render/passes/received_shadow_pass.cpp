@@ -22,7 +22,7 @@ constexpr double kMaxTexelsOfPair = 4e6;
 constexpr double kMinTexelsOfPair = 1e5;
 constexpr double kMaxTexelsOfFrame = 64e6;
 constexpr double kMaxLevelStep = 0.03;  // [m]
-constexpr int kTexelsAtOnce = 32;       // sides are multiples, so that storage changes rarely
+constexpr int kTexelsAtOnce = 32;       // sides are multiples of this: storage changes rarely
 // Counts pairs out of view as well, because culling must not change the image.
 double max_texels_per_pair(const FramePlan& plan) {
   const auto pairs =
@@ -276,10 +276,10 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
                                    receiver->T_table_object, pixel_at_unit_depth_);
     const MaskInputs inputs{draw.shadow, surface.version, draw.top,
                             texel,       texels,          is_covered(scene, plan, draw.shadow)};
-    const auto is_it = [&](const Mask& mask) { return mask.made_for == inputs; };
-    if (!is_it(masks.now)) std::swap(masks.now, masks.other);
+    const auto matches = [&](const Mask& mask) { return mask.made_for == inputs; };
+    if (!matches(masks.now)) std::swap(masks.now, masks.other);
     Mask& mask = masks.now;
-    const bool kept = is_it(mask);
+    const bool kept = matches(mask);
     if (!kept) {
       mask.made_for = inputs;
       calls_ += make_mask(scene, draw, surface, mask, work);
@@ -374,13 +374,13 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
   for (const Shown& shown : shown_) left.push_back(&shown);
   while (!left.empty()) {
     const Eigen::Vector3d normal = left.front()->draw->shadow.plane_frame.n;
-    const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
+    const auto not_parallel = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    std::map<int, std::vector<const Shown*>> over;  // by receiver, as a pixel shows only one
-    for (auto shown = left.begin(); shown != other.begin(); ++shown)
+    std::map<int, std::vector<const Shown*>> over;  // by receiver: a pixel shows only one object
+    for (auto shown = left.begin(); shown != not_parallel.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
-    left.erase(left.begin(), other.begin());
+    left.erase(left.begin(), not_parallel.begin());
     if (context.mode == Translucency::blend) context.receivers.begin_marks();
     if (context.mode == Translucency::retexture)
       context.framebuffer.copy_image(kFramebufferCopyUnit);

@@ -1,8 +1,8 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects
-// (docs/rendering.md#shadows-on-receivers). For each shadow that may reach a receiver, a mask is
-// made at each of the receiver's levels, like on a plane at that height. It is rasterised on the
-// CPU (`covered`) or drawn with multisampling. Each pixel of the receiver is then darkened once, by
-// the darkest shadow over it, with Lambert's law.
+// (docs/rendering.md#shadows-on-receivers). For each shadow that may reach a receiver, masks are
+// made at several heights above the shadow's plane (levels), as on planes at these heights. They
+// are rasterised on the CPU or drawn with multisampling. Each pixel of the receiver is then
+// darkened once, by the darkest shadow over it, with Lambert's law.
 #pragma once
 
 #include <cstdint>
@@ -42,8 +42,8 @@ class ReceivedShadowPass : public Pass {
   // Inputs of the masks of one caster's shadow on one receiver.
   struct MaskInputs {
     ShadowShape shadow;
-    std::uint64_t surface = 0;  // its version
-    double top = 0.0;
+    std::uint64_t surface = 0;         // Surface::version
+    double top = 0.0;                  // ReceivedShadowDraw::top
     double texel = 0.0;                // texel size for the current view [m]
     double max_texels_per_pair = 0.0;  // limit for this pair of caster and receiver
     bool covered = false;              // rasterised on the CPU instead of drawn
@@ -56,7 +56,7 @@ class ReceivedShadowPass : public Pass {
     Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
     MaskStack level_masks;
   };
-  // The two most recent ones, because a camera at rest may jitter between two texel sizes.
+  // The two most recent masks, because a camera at rest may jitter between two texel sizes.
   struct Masks {
     Mask now, other;
     std::uint64_t last_used = 0;

@@ -17,8 +17,8 @@ namespace {
 constexpr int kColumns = 40;
 constexpr int kRows = 30;
 
-// Returns the vector whose dot product with (x, y, 1), in undistorted normalised coordinates, is
-// the 1 / depth [1/m] of the plane. It solves h(eye + z R (x, y, 1)) = 0.
+// Returns v such that v . (x, y, 1) is the plane's 1 / z [1/m] at the undistorted normalised image
+// point (x, y). The depth z solves height(eye + z R (x, y, 1)) = 0.
 glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
   const double height = plane.height(T_table_camera.translation());
   return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
@@ -192,8 +192,8 @@ void Receivers::test_plane() {
 void Receivers::stencil_test(unsigned bits, unsigned compared) {
   used_ = true;
   PENUMBRA_ASSERT((bits & ~kShadowBits) == 0 && (compared & ~kShadowBits) == 0);
-  const unsigned own = marked_ ? kReceiverBit : 0U;
-  glStencilFunc(GL_EQUAL, static_cast<GLint>(own | bits), own | compared);
+  const unsigned mark = marked_ ? kReceiverBit : 0U;
+  glStencilFunc(GL_EQUAL, static_cast<GLint>(mark | bits), mark | compared);
 }
 
 }  // namespace penumbra

@@ -43,10 +43,10 @@ class Receivers {
   // Clears the stencil for a pass that uses all bits, until the next begin_plane().
   void begin_marks();
 
-  // Draws the grid of receiver.vert.glsl with the current program, which contains it.
+  // Draws the grid with the current program, which must contain receiver.vert.glsl.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,
                  const LensUniforms& lens) const;
-  // Draws the plane's depth, the same as in begin_frame(), with the current tests and masks.
+  // Draws the same depth of a plane as begin_frame(), with the current tests and masks.
   void draw_depth(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
 
  private:

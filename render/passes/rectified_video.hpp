@@ -17,7 +17,7 @@ namespace penumbra {
 struct RectifyingGrid {
   int columns = 0, rows = 0;              // of corners
   std::vector<Eigen::Vector2d> image_px;  // [px], row by row
-  std::vector<Eigen::Vector2d> video;     // their video pixels [px]; far outside if none
+  std::vector<Eigen::Vector2d> video;     // video pixel of each corner; far outside if none
 };
 [[nodiscard]] RectifyingGrid rectifying_grid(const CameraModel& camera);
 

@@ -51,7 +51,7 @@ class ShadowPass : public Pass {
   MaskQuad mask_quad_;
   MeshStrips mesh_strips_;
   bool fetches_video_ = true;  // retextured fragments fetch the video, not a framebuffer copy
-  // Key: node, object, plane, and a counter of shadows in the plan with these three.
+  // Key: node, object, plane, and a number for each of the plan's shadows that have them in common.
   std::map<std::tuple<int, int, int, int>, PreparedShadow> prepared_;
   std::vector<ShadowItem> items_;  // one per shadow of the plan
 };

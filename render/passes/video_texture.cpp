@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-// More than one camera has; buffers of an earlier stream are evicted first.
+// Exceeds the number of a camera's buffers. Buffers of an earlier stream are evicted first.
 constexpr std::size_t kMaxImported = 12;
 // Maximum number of frames that the GPU may be reading while the next one is drawn.
 constexpr std::size_t kMaxInUse = 1;

@@ -43,7 +43,7 @@ class VideoProgram {
 
 class VideoTexture {
  public:
-  // The context must be current, now and at every later call. `pixel_buffers`: use them for copies.
+  // The context must be current, now and at every later call. `pixel_buffers`: copies use them.
   explicit VideoTexture(GlApi api, bool pixel_buffers = false)
       : program_(api, {"video.vert.glsl"}, {"video_texel.glsl", "video.frag.glsl"},
                  {"WHOLE_PICTURE"}),
@@ -56,7 +56,7 @@ class VideoTexture {
   ~VideoTexture();
 
   enum class Upload {
-    there,     // it was on the GPU already
+    there,     // the frame was on the GPU already
     copied,    // plane by plane
     buffered,  // through a pixel buffer, without waiting for the previous frame
     imported   // read in place from the camera driver's shared buffer
@@ -68,8 +68,8 @@ class VideoTexture {
   // Binds the uploaded frame to this texture unit and the next two. The current program must
   // contain video_texel.glsl.
   void bind_texels(const ShaderProgram& program, const Frame& frame, int first_unit) const;
-  // Call it after the last draw call that reads the frame. A buffer that is read in place returns
-  // to the camera once the GPU has reached this point.
+  // Must be called after the last draw call that reads the frame. An imported buffer returns to the
+  // camera when the GPU has executed these calls.
   void hold(const Frame& frame);
 
  private:
@@ -98,7 +98,7 @@ class VideoTexture {
   std::weak_ptr<const void> uploaded_owner_;
   const std::uint8_t* uploaded_data_ = nullptr;
   bool can_import_ = false;
-  std::deque<ImportedBuffer> imported_;  // the most recently used one is last
+  std::deque<ImportedBuffer> imported_;  // the most recently used is last
   bool shows_imported_ = false;          // the frame is imported_.back(), not textures_
   std::deque<InUse> in_use_;             // in drawing order
 };

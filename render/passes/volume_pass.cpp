@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr unsigned kCountBits = kMaxVolumesCounted;  // number of volume batches' surfaces entered
+constexpr unsigned kCountBits = kMaxVolumesCounted;  // how often a pixel's ray enters the volume
 constexpr unsigned kDarkBit = 0x40U;                 // the pixel is in some caster's shadow
 // The pixel shows the caster, which does not shadow itself, or the plane being darkened.
 constexpr unsigned kMarkBit = 0x80U;
@@ -161,7 +161,7 @@ void VolumePass::mark_dark() const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// Darkened pixels get the stencil `how.after`: a coincident surface does not darken them again.
+// Darkened pixels get the stencil `how.after`; coincident surfaces do not darken them again.
 int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        const Darkening& how) const {
   const auto& [plan, lens, objects, receivers] = drawing;
@@ -173,14 +173,14 @@ int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
   glStencilMask(how.written);
   glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(how.after), how.tested);
   glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-  const auto darken_things = [&](const std::vector<ObjectDraw>& things) {
-    for (const ObjectDraw& thing : things) {
-      calls += objects.draw_darkened(thing, plan, lens, draw.light,
-                                     std::min(thing.opacity, how.strength), how.add_up);
+  const auto darken_each = [&](const std::vector<ObjectDraw>& surfaces) {
+    for (const ObjectDraw& surface : surfaces) {
+      calls += objects.draw_darkened(surface, plan, lens, draw.light,
+                                     std::min(surface.opacity, how.strength), how.add_up);
     }
   };
-  darken_things(plan.phantoms);
-  if (draw.on_planes) darken_things(plan.objects);
+  darken_each(plan.phantoms);
+  if (draw.on_planes) darken_each(plan.objects);
   end_translucent();
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_DEPTH_TEST);
@@ -279,7 +279,7 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
   }
   if (lights.empty()) return 0;
-  // Counts lights out of view as well: sums are rounded, but a single light's fraction is not.
+  // Also counts lights out of view, so that culling does not change the rounding of sums.
   const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
   const Drawing drawing{plan, context.lens, context.objects, context.receivers};

@@ -1,6 +1,6 @@
 // Shadow volumes (Hudson's shadow of a 3D cursor) on all surfaces in the depth buffer: planes,
-// phantoms and virtual objects; also the part of projected shadows that falls on phantoms. z-fail
-// counting in the stencil, light by light, is correct for any eye position and near plane.
+// phantoms and virtual objects. They also show projected shadows where these fall on phantoms.
+// z-fail counting in the stencil, light by light, is correct for any eye position and near plane.
 // Receivers are then drawn again where they are in shadow, and lose the light's fraction by
 // Lambert's law. The fractions of several lights are summed before the image is darkened.
 #pragma once
@@ -41,8 +41,8 @@ class VolumePass : public Pass {
   // Which pixels to darken, and their stencil value afterwards.
   struct Darkening {
     unsigned tested = 0;   // darkens pixels with any of these bits set
-    unsigned after = 0;    // written to ...
-    unsigned written = 0;  // ... these bits
+    unsigned after = 0;    // stencil value of darkened pixels
+    unsigned written = 0;  // bits in which `after` is written
     float strength = 1.0F;
     bool add_up = false;
   };
@@ -72,7 +72,7 @@ class VolumePass : public Pass {
   TranslucentProgram plane_program_;
   TranslucentProgram light_sum_program_;
   Translucency mode_ = Translucency::blend;
-  std::optional<double> longest_edge_;  // [m]; nullopt: no lens distortion
+  std::optional<double> longest_edge_;  // maximum edge [m]; nullopt: no lens distortion
   VertexArray no_vertices_;
   std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;
   std::map<std::pair<int, int>, Volume> volumes_;  // by object and light

@@ -28,7 +28,7 @@ constexpr double kMaxTestedFactor = 1.65;
 // factor at the object's maximum height.
 std::vector<double> largest_magnifications(const Scene& scene) {
   std::vector<double> magnifications(scene.objects.size(), 1.0);
-  std::map<int, std::vector<double>> heights_over;  // a plane
+  std::map<int, std::vector<double>> heights_over;  // by plane
   for (const ShadowNode& node : scene.shadows) {
     const HeightRange range = layer_height_range(node.layered, ShadowLayer::penumbra);
     for (const int plane : node.planes) {
@@ -320,15 +320,15 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
                                           const OwnFrame& own, bool to_gpu, RenderWork& work) {
   Casting with;
   if (traits_of(draw.technique).uses_kernels) {
-    const bool stored_serve =
+    const bool may_be_stored =
         draw.kernels == KernelSource::automatic &&
         (draw.light_mode == LightMode::proportional || have_radii(caster.stored_source));
-    with.key.source = stored_serve ? caster.stored_source : draw.kernels;
+    with.key.source = may_be_stored ? caster.stored_source : draw.kernels;
     // Computed in the own frame, so that rotation in the plane changes no bit.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
     with.key.direction = KernelDirection::nearest(up);
-    // Uses the exact tilt: the grid's direction may be up to 2 degrees nearer to the stored one.
-    with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
+    // Compares the exact tilt, because KernelDirection may round it by up to 2 degrees.
+    with.key.stored = may_be_stored && has_stored_kernels_for(caster.mesh, up);
   }
   if (traits_of(draw.technique).uses_outlines) return with;
   with.kernels = &kernels_of(caster, with.key, work);

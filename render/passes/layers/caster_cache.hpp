@@ -93,16 +93,15 @@ struct CachedCaster {
   // Source of the kernels in the model's file, also used for other tilts.
   KernelSource stored_source = KernelSource::automatic;
   CasterBody whole;
-  // A reduced mesh that may cast layers, and the results of compare_with_proxy().
-  std::optional<ShadowProxy> proxy;
-  CasterBody reduced;
-  std::map<ProxyKey, bool> proxy_kept;
+  std::optional<ShadowProxy> proxy;     // a reduced mesh that may cast layers
+  CasterBody reduced;                   // of the proxy
+  std::map<ProxyKey, bool> proxy_kept;  // whether compare_with_proxy() accepts the proxy
   glm::vec3 min_corner{0.0F};
   glm::vec3 max_corner{0.0F};
   double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
   std::map<KernelKey, KernelSet> sets;
-  // The size of each part's light. Key: direction, and whether it is for a field (part_discs()
-  // without `across_joints`).
+  // The size of each part's light. Key: direction, and whether the technique is a field (then
+  // part_discs() is called without `across_joints`).
   std::map<std::pair<KernelDirection, bool>, std::vector<PartDisc>> part_sets;
 
   [[nodiscard]] bool is_empty() const { return whole.geometry.indices.empty(); }

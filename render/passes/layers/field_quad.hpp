@@ -26,7 +26,8 @@ class FieldTexture {
   friend class FieldQuad;
   std::optional<Texture2d> texture_;
   std::array<bool, 3> layers_{};
-  glm::vec4 rect_{0.0F};  // centre of the first texel, extents to the last one's [m], own frame
+  // xy: centre of the first texel, zw: extents to the last texel's centre [m]; own frame.
+  glm::vec4 rect_{0.0F};
   glm::vec2 last_{0.0F};  // index of the last texel
   std::vector<std::uint16_t> texels_;
 };

@@ -24,13 +24,13 @@ class LayerPainter {
   };
   // Darkens in the chosen mode.
   [[nodiscard]] Brush darkening() const;
-  // Draws a plain colour: white for a fraction of 1.
+  // Draws a layer's fraction of light as a grey level; 1 is white.
   [[nodiscard]] Brush plain() const;
 
   // Call it before drawing the layers on a plane.
   void begin_plane(const Brush& brush, const LensUniforms& lens,
                    const glm::mat4x3& camera_from_plane);
-  // Returns the number of draw calls.
+  // Draws `count` consecutive layers with the same source. Returns the number of draw calls.
   int draw(const ShadowDraw& draw, const ShadowItem& item, int first_layer, int count,
            const Brush& brush) const;
   // Draws consecutive whole layers in one instanced call (instances are drawn in order), and the

@@ -1,4 +1,4 @@
-// One caster's part of a mask, and its rasterisation into a MaskRaster.
+// The region of a mask that one caster covers, and its rasterisation into a MaskRaster.
 #pragma once
 
 #include "render/passes/layers/shadow_geometry.hpp"
@@ -35,9 +35,9 @@ struct MaskPart : MaskShape {
   using Faces = std::array<std::vector<PlanePoint>, 3>;
   // Returns the triangles of layers masked face by face, in the own frame.
   [[nodiscard]] Faces face_images(RenderWork& work) const;
-  // Projects the part onto cells of this size [m].
+  // Projects the part onto cells of the size `cell` [m].
   void project(const Faces& faces, double cell, MaskCaster& projected, RenderWork& work) const;
-  // Adds the projected part to a raster with cells of that size.
+  // Adds the projected part to a raster with cells of the same size as in project().
   void cover(MaskCaster& projected, MaskRaster& raster) const;
 };
 

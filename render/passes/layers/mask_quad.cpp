@@ -14,15 +14,15 @@
 namespace penumbra {
 namespace {
 
-// A coarser grid draws too many cells without effect; a finer one costs more than it saves.
+// A coarser grid draws too many cells without effect; a finer grid costs more than it saves.
 constexpr std::size_t kMinGrid = 4;
 
 PENUMBRA_VECTOR_CLONES
-void take_minimum(const std::uint8_t* codes, std::size_t count, std::uint8_t* least) {
+void take_minimum(const std::uint8_t* codes, std::size_t count, std::uint8_t* low) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
-  for (std::size_t i = 0; i < count; ++i) least[i] = codes[i] < least[i] ? codes[i] : least[i];
+  for (std::size_t i = 0; i < count; ++i) low[i] = codes[i] < low[i] ? codes[i] : low[i];
 }
 
 }  // namespace
@@ -97,14 +97,14 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
     mask.grid_ = grid;
     mask.all_ = all_pieces;
     const auto shift = static_cast<unsigned>(UnitGrids::kGrids - 1 - grid);
-    const std::uint64_t a_piece =
+    const std::uint64_t piece_bits =
         grid == 0 ? ~std::uint64_t{0} : (std::uint64_t{1} << (1U << shift)) - 1;
     std::vector<std::uint32_t> indices;
     for (std::uint32_t row = 0; row < 1U << grid; ++row) {
       std::uint64_t darkens = 0;
       for (std::uint32_t i = row << shift; i < (row + 1) << shift; ++i) darkens |= mask.darkens_[i];
       for (std::uint32_t column = 0; column < 1U << grid; ++column) {
-        if (!all_pieces && (darkens >> (column << shift) & a_piece) == 0) continue;
+        if (!all_pieces && (darkens >> (column << shift) & piece_bits) == 0) continue;
         for (const std::uint32_t index : UnitGrids::piece(grid, row, column))
           indices.push_back(index);
       }

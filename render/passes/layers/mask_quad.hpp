@@ -25,10 +25,10 @@ class MaskTexture {
   static constexpr std::size_t kPieces = std::size_t{1} << (UnitGrids::kGrids - 1);
 
   Texture2d texture_{TextureFilter::linear};
-  glm::vec4 rect_{0.0F};  // corner and extents [m], plane
+  glm::vec4 rect_{0.0F};  // xy: corner, zw: extents on the plane [m]
   // One bit for each piece of the finest grid, row by row: whether it has an effect.
   std::array<std::uint64_t, kPieces> darkens_{};
-  std::vector<std::uint8_t> min_in_column_;  // over some rows
+  std::vector<std::uint8_t> min_in_column_;  // over a piece's rows
   // The most recently drawn grid and its pieces.
   VertexArray layout_;
   GlBuffer indices_{BufferUse::indices};

@@ -14,16 +14,16 @@ namespace {
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-// Tuned by measurement, see docs/rendering.md#mask-cells.
-constexpr double kPixelsPerMaskCell = 1.6;
-constexpr double kPixelsPerSeenCell = 1.35;
+// Cell sizes, tuned by measurement, see docs/rendering.md#mask-cells.
+constexpr double kPixelsPerMaskCell = 1.6;   // at the nearest shadow of the plane
+constexpr double kPixelsPerSeenCell = 1.35;  // at the nearest visible point of a mask
 constexpr std::int64_t kMaxMaskSide = 8192;  // cells
-constexpr int kMaskCellsAtOnce = 1 << 20;
+constexpr int kMaskCellsAtOnce = 1 << 20;    // rasterised together
 // Up to this number of faces on a plane, direct drawing costs far less CPU time than a mask
 // (docs/rendering.md#masks).
 constexpr std::size_t kFewFaces = 500;
 
-// Adds a border of one cell without shadow.
+// Returns the cells of the box and a border of one cell, which contains no shadow.
 MaskCells cells_about(const CellBox& box, double cell) {
   return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
                    static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
@@ -57,9 +57,9 @@ PlaneMasks::PlaneMasks(const CameraModel& camera, bool multisampled)
     : multisampled_(multisampled),
       pixel_at_unit_depth_(1.0 / std::max(camera.parameters().fx, camera.parameters().fy)),
       frustum_(make_frustum(camera)) {
-  GLint most_side = 0;
-  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most_side);
-  most_side_ = std::min<std::int64_t>(kMaxMaskSide, most_side);
+  GLint max_side = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_side);
+  most_side_ = std::min<std::int64_t>(kMaxMaskSide, max_side);
 }
 
 std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const MaskPart& part,
@@ -77,9 +77,9 @@ const CellBox* PlaneMasks::DrawnMasks::bounds_of(const MaskPart& part) const {
 }
 
 std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::mask_of(
-    const MaskCells& cells, const std::vector<MaskPart>& of) const {
+    const MaskCells& cells, const std::vector<MaskPart>& wanted) const {
   const auto found = std::ranges::find_if(masks, [&](const std::shared_ptr<DrawnMask>& known) {
-    return known->cells == cells && std::ranges::equal(known->parts, of, &MaskPart::same_as);
+    return known->cells == cells && std::ranges::equal(known->parts, wanted, &MaskPart::same_as);
   });
   return found == masks.end() ? nullptr : *found;
 }
@@ -123,7 +123,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
   bool layers = false;
   bool fields = false;
   int not_masked = -1;  // object
-  const auto serves = [&](const ShadowDraw& draw) {
+  const auto is_maskable = [&](const ShadowDraw& draw) {
     fields = fields || draw.technique == ShadowTechnique::field;
     layers = layers || traits_of(draw.technique).has_penumbra;
     CachedCaster& caster = casters.caster_of(scene, draw);
@@ -141,15 +141,15 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
     if (!draw.off_outline && !frustum_.misses(square)) in_view = std::min(in_view, nearest);
     return true;
   };
-  bool serve = true;
+  bool all_maskable = true;
   for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.skipped_shadows}) {
     for (const ShadowDraw& draw : *draws) {
-      if (draw.plane == plane && !serves(draw)) serve = false;
+      if (draw.plane == plane && !is_maskable(draw)) all_maskable = false;
     }
   }
   // If all shadows are simple, draws them directly, in one draw call.
   if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
-  if (!serve) {
+  if (!all_maskable) {
     work.skipped.push_back({SkipReason::mask_impossible, plane, not_masked});
     return std::nullopt;
   }
@@ -207,20 +207,20 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
     const MaskPart part = MaskPart::of(draw, *items[i].caster, prepared, mask_light(draw, mode));
     if (!part.covers_nothing()) parts.push_back(part);
   }
-  // Cell sizes are half powers of two, so that a moving camera rarely requires a new mask. They
+  // Cell sizes are powers of sqrt(2) m, so that a moving camera rarely requires a new mask. They
   // depend only on the current frame. A camera at rest may jitter between two sizes, so both masks
   // are kept.
   const int half_octave = cell_at(mask.depth, kPixelsPerMaskCell);
   const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
   const LayOut lay_out = layout_for(plan, receiver->frame, half_octave);
-  const auto is_it = [&](const DrawnMasks& masks) {
+  const auto matches = [&](const DrawnMasks& masks) {
     return masks.made && masks.half_octave == half_octave &&
            std::ranges::equal(masks.parts, parts, &MaskPart::same_as) &&
            (!masks.layout.of_view || masks.layout == lay_out(masks.bounds));
   };
-  if (!is_it(mask.now)) std::swap(mask.now, mask.other);
+  if (!matches(mask.now)) std::swap(mask.now, mask.other);
   const std::int64_t kept_before = work[Counter::layer_masks_kept];
-  if (is_it(mask.now)) {
+  if (matches(mask.now)) {
     work[Counter::layer_masks_kept] += static_cast<std::int64_t>(mask.now.masks.size());
   } else {
     draw_masks(half_octave, std::move(parts), lay_out, mask, work);
@@ -230,20 +230,20 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
   }
 }
 
-void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const LayOut& lay_out,
+void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> drawn, const LayOut& lay_out,
                             Plane& plane, RenderWork& work) {
   DrawnMasks older = std::move(plane.now);
   DrawnMasks& made = plane.now = {};
   made.made = true;
-  made.parts = std::move(of);
+  made.parts = std::move(drawn);
   made.half_octave = half_octave;
   const std::vector<MaskPart>& parts = made.parts;
   ++plane.times_drawn;
   if (casters_.size() < parts.size()) casters_.resize(parts.size());
-  // Keeps the cover of parts that have not moved since the previous masks, if others have.
-  std::vector<bool> rests(parts.size(), false);
+  // The coverage of parts that did not move since the previous masks is kept, if other parts moved.
+  std::vector<bool> unmoved(parts.size(), false);
   for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
-    rests[i] = std::ranges::any_of(plane.drawn_before, [&](const MaskPart& before) {
+    unmoved[i] = std::ranges::any_of(plane.drawn_before, [&](const MaskPart& before) {
       return before.covers_same_as(parts[i]);
     });
   }
@@ -260,7 +260,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const CellBox* known = nullptr;
     for (const DrawnMasks* before : {&older, &plane.other}) {
-      if (rests[i] && before->half_octave == half_octave && known == nullptr)
+      if (unmoved[i] && before->half_octave == half_octave && known == nullptr)
         known = before->bounds_of(parts[i]);
     }
     if (known == nullptr) project(i, cell_size(half_octave));
@@ -284,7 +284,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     std::vector<bool> noted(of_group.size(), false);
     for (std::size_t k = 0; k < of_group.size(); ++k) {
       const std::size_t i = group.parts[k];
-      noted[k] = rests[i] && !group.cut && of_group.size() > 1;
+      noted[k] = unmoved[i] && !group.cut && of_group.size() > 1;
       if (noted[k] && plane.cover_of(parts[i], cell) != plane.covers.end()) continue;
       project(i, cell);
       if (!noted[k]) continue;
@@ -304,7 +304,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     made.masks.push_back(std::move(mask));
     ++work[Counter::layer_masks_drawn];
   }
-  // Keeps covers of the two most recent masks, as a camera may jitter between two cell sizes.
+  // Keeps coverage for the two most recent masks: a camera may jitter between two cell sizes.
   std::erase_if(plane.covers,
                 [&](const PartCover& cover) { return cover.last_used + 1 < plane.times_drawn; });
 }
@@ -335,11 +335,11 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
   const std::vector<MaskPart>& parts = mask.parts;
   std::vector<bool> done(parts.size(), false);
   bool first = true;
-  for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
-    if (done[of_light]) continue;
-    const glm::vec3 light = parts[of_light].light;
+  for (std::size_t start = 0; start < parts.size(); ++start) {
+    if (done[start]) continue;
+    const glm::vec3 light = parts[start].light;
     raster_.begin(band);
-    for (std::size_t k = of_light; k < parts.size(); ++k) {
+    for (std::size_t k = start; k < parts.size(); ++k) {
       if (done[k] || parts[k].light != light) continue;
       done[k] = true;
       if (!noted[k]) {

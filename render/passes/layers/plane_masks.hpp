@@ -30,7 +30,7 @@ class PlaneMasks {
   [[nodiscard]] bool has_mask(int plane) const;
   // Returns true if the plane's mask is empty.
   [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).now.masks.empty(); }
-  // Makes or reuses the masks of these planes. `items`: one per plan.shadows, prepared for masks.
+  // Makes or reuses the masks that plan() chose. `items`: one per plan.shadows, prepared for masks.
   void make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,
             RenderWork& work);
   // Draws a plane's masks. Returns the number of draw calls.
@@ -47,14 +47,15 @@ class PlaneMasks {
   struct DrawnMasks {
     bool made = false;
     std::vector<MaskPart> parts;
-    int half_octave = 0;          // of cells
+    int half_octave = 0;          // see cell_size()
     std::vector<CellBox> bounds;  // of each part [cells]
     MaskLayout layout;
     std::vector<std::shared_ptr<DrawnMask>> masks;  // one per group
-    // Return the bounds of an equal part, and the mask of equal parts; null if there is none.
+    // Returns the bounds of the part that covers the same cells; null if there is none.
     [[nodiscard]] const CellBox* bounds_of(const MaskPart& part) const;
+    // Returns the mask with the same cells and parts; null if there is none.
     [[nodiscard]] std::shared_ptr<DrawnMask> mask_of(const MaskCells& cells,
-                                                     const std::vector<MaskPart>& of) const;
+                                                     const std::vector<MaskPart>& wanted) const;
     // Returns an unused mask for reuse of its storage, or a new one.
     [[nodiscard]] std::shared_ptr<DrawnMask> take_spare();
   };
@@ -66,7 +67,7 @@ class PlaneMasks {
     std::uint64_t last_used = 0;
   };
   struct Plane {
-    DrawnMasks now, other;               // of this frame, and those shown before
+    DrawnMasks now, other;               // masks of this frame, masks shown before
     bool in_use = false;                 // in this frame
     double depth = 0.0;                  // of the nearest shadow [m]
     std::vector<MaskPart> drawn_before;  // in the previous mask
@@ -87,7 +88,7 @@ class PlaneMasks {
                   std::span<const ShadowItem> items, RenderWork& work);
   void draw_masks(int half_octave, std::vector<MaskPart> parts, const LayOut& lay_out, Plane& plane,
                   RenderWork& work);
-  // Fills a mask with the parts of a group. `noted`: whether to keep the cover of each part.
+  // Fills a mask with the parts of a group. The flags: whether the part's coverage is kept.
   void fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted, Plane& plane,
                  DrawnMask& mask);
   void cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,

@@ -16,9 +16,9 @@ namespace {
 // Heights this far outside a range count as within it [m], so that rounding does not clip a caster
 // that stands on the plane.
 constexpr double kContactTolerance = 1e-6;
-// Bits of tilt and height in OwnFrame::make(): as exact as floats for layers, 1/32 cell for fields.
-constexpr int kLayerBits = 26;
-constexpr int kFieldBits = 13;
+// Bits of tilt and height in OwnFrame::make().
+constexpr int kLayerBits = 26;  // as exact as floats
+constexpr int kFieldBits = 13;  // errors of 1/32 cell
 
 std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
   return {draw.umbra, draw.middle, draw.penumbra};
@@ -57,7 +57,7 @@ bool apart(const HeightRange& heights, const HeightRange& range) {
 }
 
 // Converts the fraction of light left into a factor on the encoded value: darkening linear light by
-// k multiplies the encoded value by k^(1/exponent). Fades to 1 with the opacity.
+// k multiplies the encoded value by k^(1/exponent). The factor is 1 for an opacity of 0.
 float encoded_factor(double light_fraction, double tone_exponent, float opacity) {
   const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / tone_exponent);
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
@@ -94,7 +94,7 @@ void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const Kerne
     LayerGeometry& layer = prepared.layers[i];
     if (layer.source != LayerSource::clipped) continue;
     const HeightRange range = range_of(draw, kShadowLayers[i]);
-    // Middle and penumbra are clipped equally and share the vertices.
+    // Middle layer and penumbra share the vertices if both are clipped at the same height.
     if (i == 2 && prepared.layers[1].source == LayerSource::clipped &&
         range_of(draw, ShadowLayer::middle).high == range.high) {
       layer = prepared.layers[1];
@@ -260,7 +260,7 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
     prepared.layers[i].source = sources[i];
     clips = clips || sources[i] == LayerSource::clipped;
     if (!prepared.key.masked) continue;
-    // If the light has one size for all parts, each part loses its umbra at its own height.
+    // A part's umbra vanishes at a height that layer_sources() does not know for a fixed light.
     if (sources[i] == LayerSource::nothing && !fixed) continue;
     const bool is_closed = sources[i] == LayerSource::whole && body.edges && !fixed;
     prepared.layers[i].source = is_closed ? LayerSource::masked : LayerSource::masked_faces;
@@ -437,7 +437,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     return own.T_plane_own * Eigen::Vector2d(k + s * (x - k));
   };
   reach.low = std::numeric_limits<double>::infinity();
-  double thickest = 0.0;  // length of x - k
+  double thickest = 0.0;  // maximum length of x - k
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     if (!casts[i]) continue;
     const CasterVertex& vertex = vertices[i];
@@ -447,8 +447,8 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     if (!layered) continue;
     thickest = std::max(
         thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
-    // Projections lie between those at the vertex's height and at the lowest height. A point on a
-    // clip line has some factor between those of its face's vertices.
+    // Factors lie between 1 (at the lowest height, see above) and the factor at the vertex's
+    // height. If faces are clipped at `highest`, the factor at `highest` bounds all factors.
     for (const ShadowLayer layer : kShadowLayers) {
       const double highest = layer_height_range(c, layer).high;
       const double height = top > highest ? highest : std::clamp(h - from, 0.0, highest);

@@ -46,7 +46,7 @@ struct ShadowKey {
   ShadowTechnique technique = ShadowTechnique::layered;
   LightMode light_mode = LightMode::proportional;
   LayeredConstants constants;    // default for simple shadows
-  std::array<bool, 3> layers{};  // wanted layers; none set for fields, which always have all
+  std::array<bool, 3> layers{};  // wanted layers; none for fields, which compute all
   bool reduced = false;          // the proxy casts
   bool masked = false;           // in the plane's mask
   KernelKey kernels;
@@ -83,7 +83,7 @@ struct ShadowItem {
   PlaneFrame plane_frame;
 };
 
-// Bounds of a shadow's layers at all receiving heights above a given one.
+// Bounds of a shadow's layers at all receiving heights above a given height.
 struct ShadowReach {
   // (u, v) on the plane [m]; empty: no shadow at these heights.
   Eigen::AlignedBox2d box;
@@ -105,7 +105,7 @@ struct ShadowReach {
                                                      std::span<const glm::vec3> positions,
                                                      std::span<const glm::vec3> kernels,
                                                      RenderWork& work);
-// Moves vertices that rounding put below the plane onto it.
+// Moves vertices that rounding put below the plane onto the plane.
 void settle_contact(std::vector<CasterVertex>& vertices);
 
 class ShadowGeometry {
@@ -120,7 +120,7 @@ class ShadowGeometry {
   [[nodiscard]] std::size_t coarsest_range(const ShadowDraw& draw, const FramePlan& plan,
                                            const CachedCaster& caster,
                                            const PreparedShadow& prepared) const;
-  // Returns bounds at heights from `from` upwards; nullopt for fixed lights and for fields,
+  // Returns the bounds at heights from `from` upwards; nullopt for fixed lights and for fields,
   // whose bounds are not known in advance.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       RenderWork& work) const;
@@ -136,8 +136,9 @@ class ShadowGeometry {
                   RenderWork& work) const;
 
   CasterCache& casters_;
-  double edge_at_unit_depth_ = 0.0;  // longest edge that follows the lens 1 m away [m]
-  float longest_cut_edge_ = 0.0F;    // the same at kNearestDistance; 0: no distortion
+  // Maximum lengths of edges that follow the lens [m].
+  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera
+  float longest_cut_edge_ = 0.0F;    // at kNearestDistance; 0: no distortion
   // Size of a pixel at kNearestDistance, the minimum useful cell size [m].
   double finest_field_cell_ = 0.0;
 };
