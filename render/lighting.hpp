@@ -13,19 +13,18 @@ namespace penumbra {
 
 // Factor on the scene's lights, and ambient light on virtual objects. Linear RGB.
 struct Lighting {
-  Eigen::Vector3d gain = Eigen::Vector3d::Ones();  // factor on the scene's lights
-  // Hemisphere light from above and from below, on a surface that faces it.
-  Eigen::Vector3d sky = Eigen::Vector3d::Zero();
-  Eigen::Vector3d ground = Eigen::Vector3d::Zero();
+  Eigen::Vector3d gain = Eigen::Vector3d::Ones();    // factor on the scene's lights
+  Eigen::Vector3d sky = Eigen::Vector3d::Zero();     // ambient light on a surface that faces up
+  Eigen::Vector3d ground = Eigen::Vector3d::Zero();  // ambient light on a surface that faces down
 };
-// If the light of the video is known, scales the lights such that a white matt surface on the table
-// is as bright as white paper; darker if the scene's lights are dimmed to a total below 1. The
-// light from below is the image's mean. Neither changes the light fractions of shadows.
+// Returns the lighting of a frame. If the light of the video is known, `gain` makes a white matt
+// surface on the table as bright as white paper (darker if the scene's lights sum to less than 1),
+// and `ground` is the mean of the image. The light fractions of shadows do not depend on it.
 [[nodiscard]] Lighting lighting_for(const Scene& scene, const SceneState& state);
 
-// Returns the fractions of light left in the layers on the plane through `place` with the normal
-// `normal`, table frame. Up to an ambient light of Scene::kUsualAmbient these are the scene's
-// fractions. More ambient light is not blocked by casters, so the fractions increase
+// Returns the fractions of light left in umbra, middle layer and penumbra on the plane through
+// `place` with the normal `normal`, table frame. Up to the ambient light of a bright room they are
+// `fractions`. Casters do not block further ambient light, so it increases the fractions
 // (docs/rendering.md#tone).
 [[nodiscard]] LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& scene,
                                                const std::vector<PlacedLight>& lights,

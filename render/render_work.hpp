@@ -15,34 +15,28 @@ struct Scene;
 
 // In the order of kCounterNames.
 enum class Counter : std::size_t {
-  shadow_vertices,     // vertices that the CPU projected or clipped for shadows
-  kernel_generations,  // sets of kernels, and of part lights, made for a tilt
-  // Shadows drawn with the geometry of an earlier frame, and shadows with new geometry.
-  reprojections,
-  triples_recomputed,
-  proxy_shadows,      // drawn from a reduced mesh
-  proxy_checks,       // comparisons of a reduced mesh with its model
-  proxy_faces_saved,  // by proxy_shadows, over all their layers
-  // Masks of the layers on a plane: drawn, and reused from an earlier frame.
-  layer_masks_drawn,
-  layer_masks_kept,
-  mask_pieces_skipped,  // pieces of these masks without effect
-  // Masks of shadows on phantoms and objects, one per level: drawn, and reused.
-  masks_drawn,
-  masks_kept,
-  // Video frames copied to the GPU, and frames read in the camera's buffer. Reused frames are not
-  // counted.
-  video_copies,
-  video_imports,
-  // Transfers through pixel buffers: copies of the video, and images of request_image().
-  pixel_buffer_uploads,
-  pixel_buffer_read_backs,
-  // Faces of the kernel sets made in this frame, and faces twisted in some layer.
-  faces_tested,
-  faces_twisted,
-  passes_drawn,    // passes with draw calls, including the video
-  passes_skipped,  // entries of the plan's and the passes' `skipped`
-  draw_calls,      // OpenGL draw calls; must be last
+  shadow_vertices,      // vertices that the CPU projected or clipped for shadows
+  kernel_generations,   // sets of kernels, and of part lights, made for a tilt
+  reprojections,        // shadows drawn with the geometry of an earlier frame
+  triples_recomputed,   // shadows with new geometry
+  proxy_shadows,        // drawn from a reduced mesh
+  proxy_checks,         // comparisons of a reduced mesh with its model
+  proxy_faces_saved,    // by proxy_shadows, over all their layers
+  layer_masks_drawn,    // masks of the layers on a plane
+  layer_masks_kept,     // layer masks reused from an earlier frame
+  mask_pieces_skipped,  // pieces of layer masks without effect
+  masks_drawn,          // masks of shadows on phantoms and objects, one per level
+  masks_kept,           // masks on phantoms and objects, reused from an earlier frame
+  // Reused video frames are not counted.
+  video_copies,             // video frames copied to the GPU
+  video_imports,            // video frames read in the camera's buffer
+  pixel_buffer_uploads,     // video frames copied through pixel buffers
+  pixel_buffer_read_backs,  // images of request_image() read through pixel buffers
+  faces_tested,             // faces of the kernel sets made in this frame
+  faces_twisted,            // tested faces that are twisted in some layer
+  passes_drawn,             // passes with draw calls, including the video
+  passes_skipped,           // entries of the plan's and the passes' `skipped`
+  draw_calls,               // OpenGL draw calls; must be last
 };
 // The counters' keys in the report.
 inline constexpr auto kCounterNames = std::to_array<std::string_view>(

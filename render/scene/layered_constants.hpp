@@ -22,8 +22,8 @@ inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::mi
 struct LayeredConstants {
   double light_height = 0.9;       // H [m]
   double light_ratio = 3.0;        // a
-  double umbra_height = 0.3;       // h_u = H / a; for a > 1 the umbra vanishes there [m]
-  double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
+  double umbra_height = 0.3;       // h_u = H / a [m]; for a > 1 the umbra vanishes at it
+  double magnification_cap = 8.0;  // m; faces are clipped at h = H (1 - 1/m)
   friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
 
@@ -32,7 +32,7 @@ struct LayeredConstants {
 }
 
 // Returns checked constants. light_ratio or umbra_height may be 0 and is then computed from h_u = H
-// / a. H may be +inf if umbra_height is given. Fails if another value is not positive and finite.
+// / a. H may be +inf if umbra_height is given. The other values must be positive and finite.
 // With a <= 1 the umbra never vanishes.
 [[nodiscard]] Result<LayeredConstants> make_layered_constants(double light_height,
                                                               double light_ratio,
@@ -43,8 +43,8 @@ struct LayeredConstants {
 [[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
                                                                        double magnification);
 
-// Heights above the plane [m] to which a layer clips faces. low = 0; high = H (1 - 1/m), or h_u if
-// less for an umbra that vanishes.
+// Heights above the plane [m] to which a layer clips faces. low = 0; high = H (1 - 1/m); for an
+// umbra that vanishes, at most h_u.
 struct HeightRange {
   double low = 0.0;
   double high = 0.0;

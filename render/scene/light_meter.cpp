@@ -15,8 +15,8 @@ constexpr int kCodes = 256;
 constexpr int kOverexposed = 250;             // channels with this value or more may be clipped
 constexpr double kPaperFrom = 0.95;           // quantile of the luminance of exposed pixels
 constexpr double kPaperTo = 0.99;             // brighter pixels are glints
-constexpr double kMinExposedFraction = 0.25;  // fraction of pixels; else uses overexposed ones too
-constexpr double kDarkest = 1e-3;             // noise level of linear light
+constexpr double kMinExposedFraction = 0.25;  // below, overexposed pixels are used as well
+constexpr double kDarkest = 1e-3;             // lower limit of results: the noise level
 constexpr double kTimeConstant_s = 0.25;
 constexpr double kForgotten_s = 2.0;  // the filter restarts after a longer gap
 
