@@ -148,10 +148,10 @@ TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
     }
   }
   EXPECT_TRUE(recording->group_groundtruth.empty()) << "a tracked pose is not ground truth";
-  const auto places = load_group_paths(folder / kGroupPosesFolder, {"the prop", "another"});
-  ASSERT_TRUE(places) << places.error().message;
-  ASSERT_EQ(places->size(), 1U);
-  const Trajectory& path = places->at("the prop");
+  const auto paths = load_group_paths(folder / kGroupPosesFolder, {"the prop", "another"});
+  ASSERT_TRUE(paths) << paths.error().message;
+  ASSERT_EQ(paths->size(), 1U);
+  const Trajectory& path = paths->at("the prop");
   ASSERT_EQ(path.poses.size(), 2U);
   EXPECT_EQ(path.poses[0].timestamp_ns, jpeg_image(2).timestamp_ns);
   EXPECT_EQ(path.poses[0].T_table_camera.translation(), Eigen::Vector3d(0.25, 0.0, 0.5));
@@ -181,20 +181,20 @@ TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   EXPECT_EQ(reported.find("cannot be the name of a file", first + 60), std::string::npos)
       << reported;
   EXPECT_FALSE(fs::exists(folder / "wall.tum"));
-  const auto places = load_group_paths(folder / kGroupPosesFolder, {"../wall", "wall"});
-  ASSERT_TRUE(places) << places.error().message;
-  EXPECT_EQ(places->count("../wall"), 0U);
-  EXPECT_EQ(places->at("wall").poses.size(), 3U);
+  const auto paths = load_group_paths(folder / kGroupPosesFolder, {"../wall", "wall"});
+  ASSERT_TRUE(paths) << paths.error().message;
+  EXPECT_EQ(paths->count("../wall"), 0U);
+  EXPECT_EQ(paths->at("wall").poses.size(), 3U);
 }
 
 // The frame list has its header even without a frame; without exposures it has no exposure column.
 TEST(RecordingWriter, WritesFrameListHeaderInAnyCase) {
-  for (const bool with_picture : {false, true}) {
+  for (const bool with_image : {false, true}) {
     const test::TemporaryFolder temporary;
     const fs::path folder = temporary.path() / "session";
     auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
     ASSERT_TRUE(writer) << writer.error().message;
-    if (with_picture) (*writer)->add_image(jpeg_image(0));
+    if (with_image) (*writer)->add_image(jpeg_image(0));
     ASSERT_TRUE((*writer)->finish());
     const std::string listing = read_text_file(folder / "timestamps.csv", 1000).value();
     EXPECT_TRUE(listing.starts_with("frame,timestamp_s,file\n")) << listing;
@@ -334,7 +334,7 @@ TEST(RecordingWriter, RereadsControlsDuringRecording) {
   (*writer)->add_image(jpeg_image(0));
   while ((*writer)->counts().written < 1) std::this_thread::yield();
   (*writer)->add_event(1, "behind it");
-  // Waits until the count is on disk: this is what a kill at this moment would leave.
+  // Waits until the count is on disk. A kill at this moment would leave the same files.
   while (controls().find("\"frames_written\": 1") == std::string::npos) std::this_thread::yield();
   EXPECT_NE(controls().find("\"exposure_time_us\": 8000"), std::string::npos) << controls();
   exposure = 9000;

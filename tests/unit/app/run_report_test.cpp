@@ -58,8 +58,8 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   return frame;
 }
 
-// GPU times arrive some frames late, none or several with a frame; each counts once. Without timer
-// queries the report has no GPU stage.
+// GPU times arrive some frames late: a frame brings none, one or several, and each time counts
+// once. Without timer queries the report has no GPU stage.
 TEST(RunReport, ListsGpuStageOnlyWhenMeasured) {
   RunRecorder without;
   without.add_frame(frame_of(TrackStatus::tracked, 0, true));
@@ -343,7 +343,7 @@ TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
 TEST(RunReport, ReportsGroupCountsAndErrors) {
   const CameraModel camera = pinhole();
   Trajectory truth;
-  Trajectory places;
+  Trajectory group_poses;
   RunRecorder run({.camera = {}, .keep_paths = true});
   const std::array<TrackStatus, 5> statuses = {TrackStatus::tracked, TrackStatus::tracked,
                                                TrackStatus::uncertain, TrackStatus::held,
@@ -351,7 +351,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
   for (std::size_t i = 0; i < statuses.size(); ++i) {
     const auto time_ns = static_cast<std::int64_t>(i) * 100'000'000;
     truth.poses.push_back({time_ns, kAbove, {}});
-    places.poses.push_back(
+    group_poses.poses.push_back(
         {time_ns, CameraPose(Eigen::Quaterniond::Identity(), {0.1, 0.02, 0.0}), {}});
     SessionFrame frame = frame_of(TrackStatus::tracked, time_ns, true);
     frame.tracked.pose.T_table_camera = kAbove;
@@ -374,7 +374,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
   EXPECT_EQ(report.groups[0].frames_held, 1);
   EXPECT_EQ(report.groups[0].frames_lost, 1);
   EXPECT_EQ(report.skipped["group_not_in_scene"], 10);
-  const Evaluation accuracy = accuracy_of_group(camera, run, "prop", {truth, places});
+  const Evaluation accuracy = accuracy_of_group(camera, run, "prop", {truth, group_poses});
   EXPECT_EQ(accuracy.frames_with_truth, 5);
   EXPECT_EQ(accuracy.frames_judged, 2);
   EXPECT_NEAR(accuracy.translation_mm.max, 4.0, 1e-9);

@@ -174,15 +174,15 @@ TEST(SceneEdit, RoundTripsVideoLightExactly) {
   ASSERT_TRUE(events) << events.error().message;
   EXPECT_TRUE(events->edits.empty());
   ASSERT_EQ(events->lights.size(), 2U) << "the truncated line is skipped";
-  const auto is = [&](std::int64_t timestamp_ns, const VideoLight& light) {
+  const auto has_light = [&](std::int64_t timestamp_ns, const VideoLight& light) {
     const VideoLight* at = light_at(events->lights, timestamp_ns);
     return at != nullptr && at->on_table == light.on_table && at->around == light.around;
   };
-  EXPECT_TRUE(is(0, first)) << "before the first drawn frame";
-  EXPECT_TRUE(is(1'000'000'001, first));
-  EXPECT_TRUE(is(2'000'000'002, first)) << "the frame of the edit was not drawn";
-  EXPECT_TRUE(is(2'000'000'003, second));
-  EXPECT_TRUE(is(9'000'000'000, second));
+  EXPECT_TRUE(has_light(0, first)) << "before the first drawn frame";
+  EXPECT_TRUE(has_light(1'000'000'001, first));
+  EXPECT_TRUE(has_light(2'000'000'002, first)) << "the frame of the edit was not drawn";
+  EXPECT_TRUE(has_light(2'000'000'003, second));
+  EXPECT_TRUE(has_light(9'000'000'000, second));
   EXPECT_EQ(light_at({}, 0), nullptr);
   for (const char* bad :
        {R"({"timestamp_s":1,"event":"video_light"})",

@@ -30,20 +30,20 @@ StudyDesign design_of(StudyExperiment experiment, int participant, int samples,
 // each other treatment equally often.
 TEST(StudyPlan, BalancesWilliamsDesign) {
   for (int n = 1; n <= 9; ++n) {
-    std::map<std::pair<int, int>, int> at_place, after;
+    std::map<std::pair<int, int>, int> at_position, after;
     const int rows = williams_rows(n);
     EXPECT_EQ(rows, n % 2 == 0 ? n : 2 * n);
     for (int r = 0; r < rows; ++r) {
       const std::vector<int> row = williams_row(n, r);
       ASSERT_EQ(std::set<int>(row.begin(), row.end()).size(), static_cast<std::size_t>(n));
       for (int i = 0; i < n; ++i) {
-        ++at_place[{row[static_cast<std::size_t>(i)], i}];
+        ++at_position[{row[static_cast<std::size_t>(i)], i}];
         if (i > 0)
           ++after[{row[static_cast<std::size_t>(i - 1)], row[static_cast<std::size_t>(i)]}];
       }
     }
-    EXPECT_EQ(at_place.size(), static_cast<std::size_t>(n * n));
-    for (const auto& [what, count] : at_place) EXPECT_EQ(count, rows / n) << n;
+    EXPECT_EQ(at_position.size(), static_cast<std::size_t>(n * n));
+    for (const auto& [what, count] : at_position) EXPECT_EQ(count, rows / n) << n;
     EXPECT_EQ(after.size(), static_cast<std::size_t>(n * (n - 1)));
     for (const auto& [what, count] : after) EXPECT_EQ(count, rows / n) << n;
     EXPECT_EQ(williams_row(n, rows + 1), williams_row(n, 1 % rows));

@@ -54,15 +54,15 @@ TEST(StudyStatistics, CoversMedianAtNominalRate) {
   std::lognormal_distribution<double> times(1.0, 0.8);
   const double truth = std::exp(1.0);
   constexpr int kRuns = 4000;
-  int held = 0;
+  int covered = 0;
   for (int run = 0; run < kRuns; ++run) {
     std::array<double, 20> values{};
     for (double& value : values) value = times(random);
     const auto interval = median_of(values)->interval;
-    held += interval->low <= truth && truth <= interval->high ? 1 : 0;
+    covered += interval->low <= truth && truth <= interval->high ? 1 : 0;
   }
   // The exact coverage for 20 values is 95.86 %; this estimate has a standard deviation of 0.3 %.
-  EXPECT_NEAR(static_cast<double>(held) / kRuns, 0.9586, 0.0130);
+  EXPECT_NEAR(static_cast<double>(covered) / kRuns, 0.9586, 0.0130);
 }
 
 TEST(StudyStatistics, ComputesWilsonIntervalOfProportion) {
@@ -200,7 +200,7 @@ TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
   ASSERT_FALSE(StudyFile::open(folder.path() / "nowhere" / "a.csv", first, false));
 }
 
-// A power failure during a write loses the row being written, and no other.
+// A power failure during a write loses only the row that is being written.
 TEST(StudyFile, LosesOnlyTruncatedLine) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";

@@ -125,12 +125,12 @@ TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
     const Eigen::Vector3d slide(target.x() + off.x() - ball.x(), target.y() - ball.y(), 0.0);
     const Eigen::Vector3d lift(0.0, 0.0, target.z() + off.z() - ball.z());
     for (const bool up : {false, true}) {
-      const PointerView taken = bench.at(ball);
-      const auto picked = pick(bench.scene_, pickable_state(bench.scene_), taken.ray);
+      const PointerView grasp = bench.at(ball);
+      const auto picked = pick(bench.scene_, pickable_state(bench.scene_), grasp.ray);
       ASSERT_TRUE(picked);
       const Eigen::Vector3d point =
-          taken.ray.origin + picked->distance * taken.ray.direction + (up ? lift : slide);
-      bench.follow(task.press(bench.scene_, taken, up, now));
+          grasp.ray.origin + picked->distance * grasp.ray.direction + (up ? lift : slide);
+      bench.follow(task.press(bench.scene_, grasp, up, now));
       ASSERT_TRUE(task.holding());
       bench.follow(task.move(bench.at(point)));
       now += kSecond;

@@ -304,11 +304,11 @@ TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   Viewer viewer(window, host, nullptr);
   for (int i = 0; i < 4; ++i) EXPECT_TRUE(viewer.show(interrupt));
   ASSERT_GE(host.edits.size(), 2U);
-  const auto place = [&](const SceneEdit& edit) {
+  const auto position = [&](const SceneEdit& edit) {
     return std::get<ObjectPlaced>(edit).placement.position;
   };
-  EXPECT_EQ(place(host.edits.front()), Eigen::Vector3d(0.0, 0.0, 0.1));
-  EXPECT_LT((place(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
+  EXPECT_EQ(position(host.edits.front()), Eigen::Vector3d(0.0, 0.0, 0.1));
+  EXPECT_LT((position(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
 }
 
 // Without the option, pointer motion changes no frame.
@@ -337,10 +337,10 @@ TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
     InterruptWatch interrupt;
     Viewer viewer(window, host, nullptr);
     for (int i = 0; i < count; ++i) EXPECT_TRUE(viewer.show(interrupt));
-    std::vector<Eigen::Vector3d> places;
+    std::vector<Eigen::Vector3d> positions;
     for (const SceneEdit& edit : host.edits)
-      places.push_back(std::get<ObjectPlaced>(edit).placement.position);
-    return places;
+      positions.push_back(std::get<ObjectPlaced>(edit).placement.position);
+    return positions;
   };
   EXPECT_TRUE(edits({key('K'), move}).empty()) << "the scene has no cursor";
   scene.objects[0].cursor = true;

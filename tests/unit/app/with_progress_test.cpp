@@ -27,7 +27,7 @@ struct Count {
   std::atomic<std::size_t> done{0}, total{0};
 };
 
-// Redirects standard error to `end` during its lifetime, and collects the text at the other end.
+// Redirects standard error to one end of a pipe or terminal and collects the text at the other end.
 class CapturedError {
  public:
   CapturedError(int ours, int theirs) : ours_(ours), kept_(dup(STDERR_FILENO)) {
