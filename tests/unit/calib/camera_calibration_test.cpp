@@ -156,11 +156,11 @@ TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
   pictures[1].reason = ImageRejection::blurred;
   for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = ImageRejection::surplus;
   for (const std::size_t i : {3U, 7U}) pictures[i].reason = ImageRejection::seen_before;
-  using Told = std::vector<std::optional<int>>;
+  using Reported = std::vector<std::optional<int>>;
   const std::nullopt_t no = std::nullopt;
-  EXPECT_EQ(images_to_report(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
-  EXPECT_EQ(images_to_report(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
-  EXPECT_EQ(images_to_report(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
+  EXPECT_EQ(images_to_report(pictures, 3), (Reported{no, 0, 0, 0, 0, 0, no, 0}));
+  EXPECT_EQ(images_to_report(pictures, 2), (Reported{no, 0, 2, 0, no, no, no, 0}));
+  EXPECT_EQ(images_to_report(pictures, 1), (Reported{no, 0, 2, 1, no, no, no, no}));
 }
 
 // Tags printed at another size than in the file, and corner shifts with another cause.

@@ -159,12 +159,12 @@ TEST(IntrinsicsSolver, KeepsLensIndependentOfSquareSize) {
   auto twice = board;
   for (Eigen::Vector3d& p : twice) p *= 2.0;
   const auto views = test::simulate_views(test::desk_camera(), board, {}, rng);
-  const auto one = solve_intrinsics(640, 480, board, views);
-  const auto other = solve_intrinsics(640, 480, twice, views);
-  ASSERT_TRUE(one && other);
-  EXPECT_LT(projection_difference(one->camera, other->camera).largest_px, 1e-3);
-  EXPECT_NEAR(other->views[0].T_board_camera.translation().norm() /
-                  one->views[0].T_board_camera.translation().norm(),
+  const auto solved = solve_intrinsics(640, 480, board, views);
+  const auto doubled = solve_intrinsics(640, 480, twice, views);
+  ASSERT_TRUE(solved && doubled);
+  EXPECT_LT(projection_difference(solved->camera, doubled->camera).largest_px, 1e-3);
+  EXPECT_NEAR(doubled->views[0].T_board_camera.translation().norm() /
+                  solved->views[0].T_board_camera.translation().norm(),
               2.0, 1e-4);
 }
 

@@ -209,11 +209,11 @@ CameraCalibration confident_calibration() {
     }
     c.pictures.push_back(image);
   }
-  ModelTrial own;
-  own.held_out_px = c.held_out_px;
-  own.chosen = true;
-  own.camera = c.solution.camera;
-  c.trials.push_back(own);
+  ModelTrial trial;
+  trial.held_out_px = c.held_out_px;
+  trial.chosen = true;
+  trial.camera = c.solution.camera;
+  c.trials.push_back(trial);
   return c;
 }
 
@@ -230,7 +230,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
-  // The rejected lens is not better, so the chosen one is rated good.
+  // The rejected lens does not fit better, so the chosen lens is rated good.
   c = confident_calibration();
   non_monotonic.held_out_px = 0.5;
   c.trials.push_back(non_monotonic);
@@ -317,7 +317,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesAgreeByChance) {
 }
 
 TEST(CalibrationVerdict, AdvisesNextViews) {
-  // The views have too little tilt, then nearly enough.
+  // The views have slightly too little tilt.
   CameraCalibration c = confident_calibration();
   c.solution.views[0].T_board_camera = tilted(39.9);
   c.solution.covariance *= 1e8;
@@ -333,7 +333,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_THAT(c.verdict, HasSubstr("at the worst place in the image (the "));
   EXPECT_THAT(c.verdict, HasSubstr("; take more views: from near"));
   EXPECT_EQ(c.advice.size(), 1U);
-  // Parts of the image have no corner, or a single one.
+  // One part of the image has no corner, another part has a single corner.
   c = confident_calibration();
   for (CalibrationImage& image : c.pictures) {
     std::erase_if(image.view.corners, [&](const TargetCorner& corner) {

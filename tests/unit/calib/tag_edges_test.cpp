@@ -14,12 +14,11 @@ namespace {
 
 class TagEdges : public testing::Test {
  protected:
-  // RMS distance between measured and true corners [px] over several views. `size`: mean excess of
-  // the measured tag size.
+  // Errors of measured corners over several views.
   struct Errors {
-    double rms_px = 0.0;
-    double size_px = 0.0;
-    double chi2 = 0.0;
+    double rms_px = 0.0;   // RMS distance from the true corners
+    double size_px = 0.0;  // mean excess of the corners' distance from the tag's centre
+    double chi2 = 0.0;     // mean square of a coordinate's error, normalised by the covariance
     int tags = 0;
     Eigen::Vector2d shift = Eigen::Vector2d::Zero();
   };

@@ -150,11 +150,11 @@ TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   EXPECT_FALSE(survey->camera.parameters().overlay_sigma_px)
       << "the value describes the camera before refinement";
   options_.refine_camera = false;
-  const auto left = survey_tags(given, frames, options_);
-  ASSERT_TRUE(left) << left.error().message;
-  EXPECT_EQ(left->camera.parameters().fx, off.fx);
-  EXPECT_EQ(left->camera.parameters().overlay_sigma_px, 3.0);
-  EXPECT_GT(left->rms_px, 10.0 * survey->rms_px);
+  const auto unrefined = survey_tags(given, frames, options_);
+  ASSERT_TRUE(unrefined) << unrefined.error().message;
+  EXPECT_EQ(unrefined->camera.parameters().fx, off.fx);
+  EXPECT_EQ(unrefined->camera.parameters().overlay_sigma_px, 3.0);
+  EXPECT_GT(unrefined->rms_px, 10.0 * survey->rms_px);
 }
 
 // The anchor tag is tilted by a pencil under it, and another tag stands upright.
@@ -272,7 +272,8 @@ TEST_F(TagSurveyTest, RejectsAndReportsMovedTag) {
   }
 }
 
-// The tag is hidden, completely or by half, in some images; these images do not count for it.
+// In two frames the corners of a tag are displaced, as if it were partly hidden. These frames do
+// not count for the tag.
 TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   auto frames = sweep(camera_, board_, 0.0);
   for (const std::size_t f : {2U, 7U}) {
@@ -337,10 +338,10 @@ TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
         squares[tag.tag.id] += error.dot(tag.covariance.ldlt().solve(error));
       }
     }
-    // 6 degrees of freedom per tag: the mean is 6, and the mean of n has a standard deviation of
-    // sqrt(12 / n). The survey inflates the covariance if errors of neighbouring frames correlate
-    // but never deflates it. Because of chance correlations it is therefore about 1/6 too large on
-    // average.
+    // 6 degrees of freedom per tag: the expected value is 6, and the mean over n surveys has a
+    // standard deviation of sqrt(12 / n). The survey inflates the covariance if errors of
+    // neighbouring frames correlate, even by chance, but never deflates it. On average, the
+    // covariance is therefore about 1/6 too large.
     for (const auto& [id, sum] : squares) {
       const double mean = sum / kSurveys;
       EXPECT_LT(mean, 6.0 + 3.0 * std::sqrt(12.0 / kSurveys)) << id;

@@ -91,38 +91,38 @@ DetectedSheet printed(const SheetTarget& sheet, const PageSize& page) {
   EXPECT_TRUE(written) << written.error().message;
   const auto saved = save_target(file, sheet);
   EXPECT_TRUE(saved) << saved.error().message;
-  DetectedSheet hand{load_target(file).value(), {}, rendered(pdf)};
+  DetectedSheet sheet_image{load_target(file).value(), {}, rendered(pdf)};
   std::vector<std::uint8_t> scratch;
-  TargetDetector detector = TargetDetector::create(hand.target).value();
-  hand.view = detector.detect(luma(hand.frame, scratch));
-  return hand;
+  TargetDetector detector = TargetDetector::create(sheet_image.target).value();
+  sheet_image.view = detector.detect(luma(sheet_image.frame, scratch));
+  return sheet_image;
 }
 
 class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
 
 // Fits only the page's position and rotation, not its scale.
 TEST_P(PrintedSheet, MatchesItsTargetFile) {
-  const DetectedSheet hand =
+  const DetectedSheet sheet =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
-  EXPECT_EQ(hand.view.problem, "");
-  ASSERT_EQ(hand.view.corners.size(), hand.target.points.size()) << "all points must be detected";
-  const auto count = static_cast<Eigen::Index>(hand.view.corners.size());
+  EXPECT_EQ(sheet.view.problem, "");
+  ASSERT_EQ(sheet.view.corners.size(), sheet.target.points.size()) << "all points must be detected";
+  const auto count = static_cast<Eigen::Index>(sheet.view.corners.size());
   Eigen::Matrix2Xd measured(2, count);
-  Eigen::Matrix2Xd said(2, count);
+  Eigen::Matrix2Xd expected(2, count);
   for (Eigen::Index i = 0; i < count; ++i) {
-    const TargetCorner& corner = hand.view.corners[static_cast<std::size_t>(i)];
+    const TargetCorner& corner = sheet.view.corners[static_cast<std::size_t>(i)];
     measured.col(i) = Eigen::Vector2d(corner.pixel.x(), -corner.pixel.y()) / kPixelsPerMetre;
-    said.col(i) = hand.target.points[static_cast<std::size_t>(corner.point)].head<2>();
+    expected.col(i) = sheet.target.points[static_cast<std::size_t>(corner.point)].head<2>();
   }
-  const Eigen::Matrix3d motion = Eigen::umeyama(said, measured, false);
-  const Eigen::Matrix2Xd off = ((motion.topLeftCorner<2, 2>() * said).colwise() +
+  const Eigen::Matrix3d motion = Eigen::umeyama(expected, measured, false);
+  const Eigen::Matrix2Xd off = ((motion.topLeftCorner<2, 2>() * expected).colwise() +
                                 Eigen::Vector2d(motion.topRightCorner<2, 1>())) -
                                measured;
   EXPECT_LT(off.colwise().norm().maxCoeff(), 1e-4) << "0.1 mm";
-  if (!hand.target.tags) return;
+  if (!sheet.target.tags) return;
   std::vector<std::uint8_t> scratch;
-  TagDetector detector = TagDetector::create(hand.target.tags->families()).value();
-  EXPECT_EQ(detector.detect(luma(hand.frame, scratch)).size(), hand.target.tags->tags().size());
+  TagDetector detector = TagDetector::create(sheet.target.tags->families()).value();
+  EXPECT_EQ(detector.detect(luma(sheet.frame, scratch)).size(), sheet.target.tags->tags().size());
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -147,10 +147,10 @@ INSTANTIATE_TEST_SUITE_P(
 
 // The ends of the ruler are the first and last dark pixels of the longest dark row below the board.
 TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
-  const DetectedSheet hand =
+  const DetectedSheet sheet =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   std::vector<std::uint8_t> scratch;
-  const ImageView page = luma(hand.frame, scratch);
+  const ImageView page = luma(sheet.frame, scratch);
   int longest = 0;
   for (int y = 0; y < page.height; ++y) {
     int run = 0;
@@ -175,9 +175,9 @@ void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap
     ASSERT_NE(tag, nullptr);
     const MappedTag* first = map.find(detections[0].family, detections[0].id);
     const Eigen::Vector2d from_first = detection.corners_px[0] - detections[0].corners_px[0];
-    const Eigen::Vector3d said = tag->corners()[0] - first->corners()[0];
-    EXPECT_NEAR(from_first.x() / pixels_per_metre, said.x(), 1e-4);
-    EXPECT_NEAR(-from_first.y() / pixels_per_metre, said.y(), 1e-4);
+    const Eigen::Vector3d expected = tag->corners()[0] - first->corners()[0];
+    EXPECT_NEAR(from_first.x() / pixels_per_metre, expected.x(), 1e-4);
+    EXPECT_NEAR(-from_first.y() / pixels_per_metre, expected.y(), 1e-4);
   }
 }
 
@@ -249,12 +249,12 @@ TEST_P(PrintedSheet, HasTitle) {
 // Expects marks on the page's edges at the height and breadth of the board's centre (computed from
 // the detected corners), and no other ink on the edges.
 void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, double half_m) {
-  const DetectedSheet hand = printed(target, page_size_from_string("a4").value());
+  const DetectedSheet sheet = printed(target, page_size_from_string("a4").value());
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  for (const TargetCorner& corner : hand.view.corners) centre += corner.pixel;
-  centre /= static_cast<double>(hand.view.corners.size());
+  for (const TargetCorner& corner : sheet.view.corners) centre += corner.pixel;
+  centre /= static_cast<double>(sheet.view.corners.size());
   std::vector<std::uint8_t> scratch;
-  const ImageView page = luma(hand.frame, scratch);
+  const ImageView page = luma(sheet.frame, scratch);
   const auto ink = [&](double x_m, double y_m) {  // coordinates from the board's centre, y up
     const double x = centre.x() + x_m * kPixelsPerMetre;
     const double y = centre.y() - y_m * kPixelsPerMetre;
