@@ -304,10 +304,11 @@ TEST(OpenCvFile, RequiresNameWhenItHoldsTwoCameras) {
   const std::string matrix =
       ": !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0., 501., "
       "240., 0., 0., 1. ]\n";
-  const std::string none = ": !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ ";
-  const std::string stereo = "%YAML:1.0\n---\nimage_size: [640, 480]\nM1" + matrix + "D1" + none +
-                             "0.1, 0., 0., 0., 0. ]\nM2" + matrix + "D2" + none +
-                             "0.2, 0., 0., 0., 0. ]\n";
+  const std::string coefficients =
+      ": !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ ";
+  const std::string stereo = "%YAML:1.0\n---\nimage_size: [640, 480]\nM1" + matrix + "D1" +
+                             coefficients + "0.1, 0., 0., 0., 0. ]\nM2" + matrix + "D2" +
+                             coefficients + "0.2, 0., 0., 0., 0. ]\n";
   EXPECT_THAT(error_of(stereo), AllOf(HasSubstr("M1, M2"), HasSubstr("--camera-name")));
   const auto second = read_camera(stereo, "M2");
   expect_pinhole(second);
@@ -343,7 +344,7 @@ TEST(CameraName, MustMatchSingleCameraOfFile) {
   EXPECT_THAT(error_of(text, "left"), AllOf(HasSubstr("'cam'"), HasSubstr("--camera-name")));
 }
 
-// The files of the shared cases.
+// Camera files in the folder shared/cases.
 class SharedCameraCase : public testing::Test {
  protected:
   void SetUp() override {

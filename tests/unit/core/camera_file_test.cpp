@@ -111,7 +111,7 @@ TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
   ASSERT_TRUE(of_corners) << of_corners.error().message;
   EXPECT_EQ(of_corners->parameters().overlay_sigma_px, 2.5);
   EXPECT_EQ(scaled_to(*of_corners, 320, 240)->parameters().overlay_sigma_px, 1.25);
-  // A record like one that `calibrate` writes.
+  // The record has the keys that `calibrate` writes.
   CalibrationRecord record;
   record.table_tracked_px = {3.0, 4.0, 0.0, 0.0};
   record.table_known_pose_px = {5.0, 5.0, 5.0, 5.0};

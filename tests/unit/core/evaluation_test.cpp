@@ -24,8 +24,8 @@ CameraModel pinhole() {
   return CameraModel::make(p).value();
 }
 
-// Camera straight above the table at height z that looks down: its x is the table's, its y and z
-// are reversed.
+// Camera straight above the table at height z that looks down. Its x axis is the table's x axis;
+// its y and z axes are opposite to the table's axes.
 CameraPose above(double x, double y, double z) {
   return {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(x, y, z)};
 }
@@ -124,8 +124,8 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
 }
 
-// A circle of radius 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. At its middle, where
-// all estimates lie, a chord is inside the circle by r (1 - cos(w T / 2)).
+// A circle of radius 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. All estimates are at
+// the middle of an interval, where the chord is inside the circle by r (1 - cos(w T / 2)).
 TEST(Evaluation, InterpolatesTruthWithChordError) {
   constexpr double kRadius = 0.3;
   constexpr double kRate = 2.0;

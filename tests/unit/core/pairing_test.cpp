@@ -138,8 +138,8 @@ TEST(Pairing, InterpolatesShortestRotationNearHalfTurns) {
 // For any times and poses, the interpolated pose must be finite and lie between its neighbours.
 TEST(Pairing, StaysOnSegmentForAnyTimes) {
   std::mt19937_64 random(7);
-  constexpr std::int64_t kFarthest = 4'000'000'000'000'000'000;
-  std::uniform_int_distribution<std::int64_t> any_time(-kFarthest, kFarthest);
+  constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000;
+  std::uniform_int_distribution<std::int64_t> any_time(-kMaxTime_ns, kMaxTime_ns);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> size(-9.0, 9.0);
   int evaluated = 0;
@@ -218,8 +218,8 @@ TEST(TimestampUnits, AreRejectedWhenTimesFitAnotherUnit) {
     EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
                 AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
-  // At 200 frames/s, times in milliseconds look like intervals of 5 s. These alone are plausible,
-  // so only the other file reveals the unit.
+  // At 200 frames/s, times in milliseconds look like intervals of 5 s. Such intervals are
+  // plausible, so only the other file reveals the unit.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
               AllOf(HasSubstr("e.tum"), HasSubstr("milliseconds")));
   EXPECT_THAT(unit_error(even_motion(120, 5 * kMs), even_motion(120, 5'000 * kMs)),

@@ -27,7 +27,7 @@ RunningStatistics running(const std::vector<double>& values) {
   return statistics;
 }
 
-// Bounds of a quantile: its values if all values are lowered or raised by the error of their bin.
+// The quantile if all values are lowered by the error of their bin, and if all are raised.
 struct Bounds {
   double low = 0.0, high = 0.0;
 };
@@ -107,8 +107,8 @@ TEST(RunningStatistics, IgnoresNonFiniteValues) {
   }
 }
 
-// Numbers of values: the limit of exact storage, one more, and many more. The values are of one
-// magnitude, of all magnitudes, or a few distinct ones.
+// All counts exceed the limit of exact storage, by 1 or more. The values are zeros, powers of two,
+// random numbers of both signs, or one repeated number.
 RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
   RandomNumbers draw(*rc::gen::arbitrary<std::uint64_t>());
   const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMaxExact};

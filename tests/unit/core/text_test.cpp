@@ -16,7 +16,7 @@ TEST(Text, ParsesSecondsToExactNanoseconds) {
   EXPECT_EQ(parse_seconds_as_ns("0"), 0);
   EXPECT_EQ(parse_seconds_as_ns("0.033333"), 33333000);
   EXPECT_EQ(parse_seconds_as_ns("1311868164.363181"), 1311868164363181000);
-  // A double can't represent these digits; the nearest one is 1403636579763555584.
+  // A double can't represent these digits; the nearest double is 1403636579763555584.
   EXPECT_EQ(parse_seconds_as_ns("1403636579.763555527"), 1403636579763555527);
   EXPECT_EQ(parse_seconds_as_ns("1.403636579763555527e+09"), 1403636579763555527);
   EXPECT_EQ(parse_seconds_as_ns("-0.5"), -500000000);
