@@ -24,7 +24,7 @@ TEST(ModelResourcePath, FindsLatin1NamesStoredAsUtf8) {
   const test::ModelFolder folder;
   const auto utf8 = folder.write("B\xC3\xA4r.png", "");
   EXPECT_EQ(model_resource_path(folder.path(), "B\xE4r.png").value(), utf8);
-  // A file with the name as written has priority over one with the converted name.
+  // A file with the name as written has priority over a file with the converted name.
   const auto latin1 = folder.write("B\xE4r.png", "");
   EXPECT_EQ(model_resource_path(folder.path(), "B\xE4r.png").value(), latin1);
 }

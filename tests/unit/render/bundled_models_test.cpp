@@ -80,8 +80,8 @@ std::vector<double> volumes(const Part& part) {
     while (root[i] != i) i = root[i] = root[root[i]];
     return i;
   };
-  std::vector<glm::dvec3> place(part.points.size());
-  for (const auto& [p, i] : part.points) place[i] = {p[0], p[1], p[2]};
+  std::vector<glm::dvec3> points(part.points.size());
+  for (const auto& [p, i] : part.points) points[i] = {p[0], p[1], p[2]};
   for (const auto& face : part.faces) {
     root[find(face[0])] = find(face[1]);
     root[find(face[1])] = find(face[2]);
@@ -89,8 +89,8 @@ std::vector<double> volumes(const Part& part) {
   std::map<std::size_t, double> volume;
   for (const auto& face : part.faces) {
     const std::size_t r = find(face[0]);
-    volume[r] += glm::dot(place[face[0]] - place[r],
-                          glm::cross(place[face[1]] - place[r], place[face[2]] - place[r])) /
+    volume[r] += glm::dot(points[face[0]] - points[r],
+                          glm::cross(points[face[1]] - points[r], points[face[2]] - points[r])) /
                  6.0;
   }
   std::vector<double> all;

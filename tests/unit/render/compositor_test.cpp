@@ -228,8 +228,8 @@ std::vector<CameraPose> views_of(ShadowTechnique technique) {
 TEST(Compositor, DrawsSameFrameWhenSkippingInvisibleParts) {
   const auto scene = busy_scene();
   const CameraModel camera = test::camera_of(320, 240, 260.0, DistortionModel::plumb_bob, kBent);
-  Studio with(scene, camera);
-  Studio without(scene, camera);
+  Studio skipping(scene, camera);
+  Studio complete(scene, camera);
   const Frame frame = test_frame(320, 240);
   std::size_t skipped = 0;
   PlanOptions all;
@@ -238,9 +238,10 @@ TEST(Compositor, DrawsSameFrameWhenSkippingInvisibleParts) {
     PlanOptions options;
     options.technique = all.technique = technique;
     for (const CameraPose& pose : views_of(technique)) {
-      const FramePlan plan = with.plan(test::tracked(pose), options);
+      const FramePlan plan = skipping.plan(test::tracked(pose), options);
       skipped += plan.skipped.size();
-      ASSERT_EQ(with.draw(frame, plan), without.draw(frame, without.plan(test::tracked(pose), all)))
+      ASSERT_EQ(skipping.draw(frame, plan),
+                complete.draw(frame, complete.plan(test::tracked(pose), all)))
           << name << ", " << pose.translation().transpose();
     }
   }
@@ -262,10 +263,10 @@ TEST(Compositor, DrawsSameFrameOnBothApisAndEveryRun) {
       const RenderedImage picture = desktop.draw(frame, plan);
       ASSERT_EQ(picture, again.draw(frame, plan));
       const RenderedImage other = embedded.draw(frame, plan);
-      int over = 0;
+      int differing = 0;
       for (std::size_t i = 0; i < picture.rgba.size(); ++i)
-        over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
-      EXPECT_LE(over, 8) << name;
+        differing += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+      EXPECT_LE(differing, 8) << name;
     }
   }
 }
@@ -368,7 +369,7 @@ GLenum get_error() {
   return noted_always == GL_NO_ERROR ? driver_get_error() : noted_always;
 }
 
-// Simulates a driver that reports a reset at every query, and one that is out of memory.
+// Simulates a driver that reports a reset at every query, and a driver that is out of memory.
 TEST(Compositor, ReportsLostContextInOneLine) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));

@@ -50,7 +50,7 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
     EXPECT_FALSE((*context)->info().reports_resets);
     EXPECT_EQ((*context)->info().renderer, (*usual)->info().renderer);
     EXPECT_EQ((*context)->info().version, (*usual)->info().version);
-    // The compositor works in this context, because it requests no function that the driver lacks.
+    // The compositor works in this context, because the compositor needs no reset notification.
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
     ASSERT_TRUE(compositor) << compositor.error().message;

@@ -45,7 +45,8 @@ TEST(FixedLight, MatchesProportionalLightAtPartThickness) {
 
 TEST(FixedLight, ShrinksUmbraOfThinPartsFirst) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
-  // The part is half as thick as the reference: a_i = 2 a, so its umbra ends at half the height.
+  // The part is half as thick as the reference, so its light ratio is a_i = 2 a, and its umbra ends
+  // at half the height.
   const double s = (0.9 - 6.0 * 0.1) / (0.9 - 0.1);
   EXPECT_NEAR(Square(0.1F, 0.5F, 1.0F).area(constants, ShadowLayer::umbra), 4.0 * s * s, 1e-5);
   EXPECT_EQ(Square(0.16F, 0.5F, 1.0F).area(constants, ShadowLayer::umbra), 0.0);

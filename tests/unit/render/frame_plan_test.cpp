@@ -166,7 +166,7 @@ TEST(FramePlan, FadesOverlayOfUncertainPose) {
   EXPECT_EQ(plan.overlay_opacity, 0.5F);
   EXPECT_EQ(plan.objects.size(), 1U);
 
-  // The pose that coasts from an uncertain one must not draw the overlay brighter.
+  // A pose that coasts from an uncertain pose must not draw the overlay brighter.
   pose.status = TrackStatus::held;
   pose.held_from = TrackStatus::uncertain;
   pose.age_s = 0.0;

@@ -134,7 +134,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
         {{"componentType", 5126}, {"count", 4}, {"type", is_color ? "VEC4" : "VEC3"}});
     file.primitive()["attributes"][attribute] = file.json["accessors"].size() - 1;
   }
-  // Normals and colours need 28 numbers; with the corners the limit is 40.
+  // Normals and colours take 28 of the 40 numbers that the limit allows.
   file.json["accessors"][1].erase("bufferView");
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;
@@ -329,9 +329,9 @@ TEST_F(GltfModelFile, PlacesCopyOfMeshForEachInstance) {
 
 TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
   GltfBuilder file = square();
-  const std::vector<float> places(std::size_t{3} * 6, 0.5F);
+  const std::vector<float> translations(std::size_t{3} * 6, 0.5F);
   file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
-      file.accessor(places, "VEC3");
+      file.accessor(translations, "VEC3");
   const auto limited = [&](std::size_t vertices) {
     ModelReading reading;
     reading.limits.max_vertices = vertices;

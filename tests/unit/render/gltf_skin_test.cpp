@@ -391,8 +391,9 @@ class RandomSkin {
       positions.push_back(moved);
       const Eigen::Vector3d normal = linear.inverse().transpose() * n;
       // The normal is compared only if the blended matrix does not nearly flatten space.
-      const bool sure = std::abs(linear.determinant()) > 1e-3 * std::pow(linear.norm(), 3);
-      normals.push_back(sure ? normal.normalized() : Eigen::Vector3d(Eigen::Vector3d::Zero()));
+      const bool comparable = std::abs(linear.determinant()) > 1e-3 * std::pow(linear.norm(), 3);
+      normals.push_back(comparable ? normal.normalized()
+                                   : Eigen::Vector3d(Eigen::Vector3d::Zero()));
     }
   }
 
@@ -443,7 +444,7 @@ TEST_F(GltfSkin, MatchesSizeAndPositionOfSharedCases) {
   ASSERT_TRUE(simple && *simple) << error_of(*simple);
   EXPECT_NEAR((*simple)->min_corner.x, -0.5F, 1e-6F);
   EXPECT_NEAR((*simple)->max_corner.x, 0.5F, 1e-6F);
-  // Each of its ten joints maps the 2 m by 2 m plane to 200 m by 200 m. The weights of its three
+  // Each of the ten joints maps the 2 m by 2 m plane to 200 m by 200 m. The weights of all three
   // sets sum to 1.
   const auto quad = shared_case("gltf-skin-ignored/quad_skin-assimp.glb");
   ASSERT_TRUE(quad && *quad) << error_of(*quad);

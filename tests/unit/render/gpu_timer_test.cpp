@@ -68,18 +68,18 @@ TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
 }
 
 // If the GPU lags far behind, no query is free for some frames, and these frames are not measured.
-// Each other frame is reported once.
+// All other frames are reported once.
 TEST_P(GpuTime, IsReadLaterWithoutBlocking) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
   draw();
   drain();
-  static decltype(epoxy_glGetQueryObjectuiv) ask = nullptr;
-  ask = epoxy_glGetQueryObjectuiv;
+  static decltype(epoxy_glGetQueryObjectuiv) query = nullptr;
+  query = epoxy_glGetQueryObjectuiv;
   {
     const ReplacedGl late(
         epoxy_glGetQueryObjectuiv, +[](GLuint id, GLenum what, GLuint* value) {
-          ask(id, what, value);
+          query(id, what, value);
           if (what == GL_QUERY_RESULT_AVAILABLE) *value = GL_FALSE;
         });
     for (std::size_t i = 0; i < 2 * GpuTimer::kMaxPending; ++i) EXPECT_EQ(draw(), 0U);

@@ -105,16 +105,16 @@ double expected_red(const Scene& scene, const std::vector<double>& blocked, cons
                     const Eigen::Vector3d& place) {
   const double up = 0.5 + 0.5 * plane.n.z();
   double all = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
-  double gone = 0.0;
+  double lost = 0.0;
   const SceneState state = evaluate_scene(scene, 0.0);
   for (std::size_t i = 0; i < state.lights.size(); ++i) {
     const Eigen::Vector4d& at = state.lights[i].place;
     const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
     const double arriving = state.lights[i].color.x() * std::max(plane.n.dot(l), 0.0);
     all += arriving;
-    gone += blocked[i] * arriving;
+    lost += blocked[i] * arriving;
   }
-  return 255.0 * std::pow(1.0 - gone / all, 1.0 / 2.2);
+  return 255.0 * std::pow(1.0 - lost / all, 1.0 / 2.2);
 }
 
 struct Agreement {
@@ -239,7 +239,7 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
 }
 
 // A caster of a coasting group blocks light in proportion to its opacity. Where two casters
-// overlap, the more opaque one determines the shadow.
+// overlap, the more opaque caster determines the shadow.
 TEST(HardShadowLight, FadesWithItsCaster) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5, 0.8), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
