@@ -75,8 +75,7 @@ AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampli
 }
 
 AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
-  // Linear filtering reads the texels whose centres surround the rectangle, nearest filtering the
-  // texels that the rectangle touches.
+  // Linear filtering also reads the texels next to those that the rectangle touches.
   const double shift = sampling_.smooth_near ? 0.5 : 0.0;
   const std::int64_t more = sampling_.smooth_near ? 1 : 0;
   const glm::dvec2 a = low * size() - shift;

@@ -71,8 +71,7 @@ void append_mesh(Mesh& mesh, const Mesh& more);
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
-// read_gltf() and read_obj() return a model in the file's axes and unit. `file_step` returns the
-// resolution of the model's coordinates.
+// The readers use the file's axes and unit. `file_step`: returns the resolution of coordinates.
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,
                                       const ModelLimits& limits, double& file_step);

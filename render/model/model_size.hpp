@@ -38,7 +38,7 @@ enum class SizeRemedy { unit_option, scene_scale };
 
 struct ModelSize {
   double scale = 1.0;   // in the scene
-  double unit_m = 1.0;  // ModelReading::unit_m
+  double unit_m = 1.0;  // as given to load_model()
   SizeRemedy remedy = SizeRemedy::unit_option;
 };
 

@@ -279,8 +279,8 @@ Json take_list(Json& root, const char* key) {
   return list.is_array() ? list : Json::array();
 }
 
-// Moves indices to attributes and adds missing attributes, because tinygltf omits primitives
-// without attributes and rejects indices without a buffer view.
+// Moves indices to attributes: tinygltf omits primitives without attributes and rejects indices
+// without a buffer view.
 void prepare_primitives(Json& root) {
   if (!root.contains("meshes")) return;
   for (Json& mesh : root.at("meshes")) {
