@@ -84,8 +84,7 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.plane == receiver.plane) kinds.emplace(draw.light, strength_of(draw));
   }
-  // With too few bits, a light has one bit and its highest opacity.
-  const bool separate = kinds.size() <= kMaxHardLights;
+  const bool separate = kinds.size() <= kMaxHardLights;  // else one bit per light
   std::vector<Blocked> lights;
   std::set<Key> seen;
   for (const HardShadowDraw& draw : plan.hard_shadows) {

@@ -136,11 +136,9 @@ class ShadowGeometry {
                   RenderWork& work) const;
 
   CasterCache& casters_;
-  // Maximum lengths of edges that follow the lens [m].
-  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera
-  float longest_cut_edge_ = 0.0F;    // at kNearestDistance; 0: no distortion
-  // Size of a pixel at kNearestDistance, the minimum useful cell size [m].
-  double finest_field_cell_ = 0.0;
+  double edge_at_unit_depth_ = 0.0;  // longest edge that follows the lens, 1 m away [m]
+  float longest_cut_edge_ = 0.0F;    // such an edge at kNearestDistance; 0: no distortion
+  double finest_field_cell_ = 0.0;   // size of a pixel at kNearestDistance [m]
 };
 
 }  // namespace penumbra
