@@ -302,7 +302,7 @@ std::optional<std::string> other_version(const Json& root) {
   const auto asset = root.find("asset");
   if (asset != root.end() && asset->is_object() && asset->contains("version")) {
     const Json& version = asset->at("version");
-    if (!version.is_string() && !version.is_number()) return std::nullopt;  // see wrong_field()
+    if (!version.is_string() && !version.is_number()) return std::nullopt;  // tinygltf skips it
     // Some exporters of version 1.0 wrote a number.
     const std::string text = version.is_string() ? version.get<std::string>() : version.dump();
     if (text == "2" || text.starts_with("2.")) return std::nullopt;
