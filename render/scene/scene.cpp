@@ -15,7 +15,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kMaxTurn_s = 3600.0;       // maximum sampled time of slow spins
-constexpr std::size_t kHeightSamples = 64;  // over all animations, in addition to keys
+constexpr std::size_t kHeightSamples = 64;  // sampled times, in addition to the keyframes
 
 // Returns the spline's velocity at a key, from its two neighbours (non-uniform Catmull-Rom). The
 // first and last key of a loop count as one key; open ends have the velocity of their segment.
@@ -105,12 +105,12 @@ PlacedGroup placed_group(const std::string& name, std::span<const GroupEstimate>
 double opacity_for(TrackStatus status, TrackStatus held_from, double age_s) {
   // A pose that may be wrong must look different from a tracked one.
   constexpr double kUncertainOpacity = 0.5;
-  const auto measured = [](TrackStatus of) {
-    return of == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
+  const auto fresh_opacity = [](TrackStatus of_pose) {
+    return of_pose == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
   };
   if (status == TrackStatus::lost) return 0.0;
-  if (status != TrackStatus::held) return measured(status);
-  return measured(held_from) * std::clamp(1.0 - age_s / kHoldSeconds, 0.0, 1.0);
+  if (status != TrackStatus::held) return fresh_opacity(status);
+  return fresh_opacity(held_from) * std::clamp(1.0 - age_s / kHoldSeconds, 0.0, 1.0);
 }
 
 PlacedLight default_light() {
@@ -229,8 +229,8 @@ std::vector<double> largest_scales(const Scene& scene) {
 
 namespace {
 
-// Returns the maximum of height(model, placement, maximum so far) over all times, one per object;
-// -infinity without a model.
+// Returns for each object the maximum of height(model, placement, maximum so far) over all sampled
+// times; -infinity for an object without a model.
 template <class Height>
 std::vector<double> greatest_over_time(const Scene& scene, const Height& height) {
   std::set<double> times = {0.0};
@@ -267,25 +267,25 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
 std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                      const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double) {
-    const glm::dvec3 reach(glm::max(glm::abs(model.min_corner), glm::abs(model.max_corner)));
-    const double radius = std::hypot(std::hypot(reach.x, reach.y), reach.z);
+    const glm::dvec3 farthest(glm::max(glm::abs(model.min_corner), glm::abs(model.max_corner)));
+    const double radius = std::hypot(std::hypot(farthest.x, farthest.y), farthest.z);
     return plane_normal.dot(at.position - plane_point) + at.scale * radius;
   });
 }
 
 std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                    const Eigen::Vector3d& plane_point) {
-  return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known) {
+  return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known_max) {
     // Height of the bounding box's highest corner above the origin, unscaled.
     const Eigen::Vector3d up = at.rotation.conjugate() * plane_normal;
-    double reach = 0.0;
+    double box_top = 0.0;
     for (int axis = 0; axis < 3; ++axis) {
-      reach += up[axis] * static_cast<double>(up[axis] > 0.0 ? model.max_corner[axis]
-                                                             : model.min_corner[axis]);
+      box_top += up[axis] * static_cast<double>(up[axis] > 0.0 ? model.max_corner[axis]
+                                                               : model.min_corner[axis]);
     }
     const double origin = plane_normal.dot(at.position - plane_point);
     // Visits the vertices only if the box may exceed the known maximum.
-    if (origin + at.scale * reach <= known) return known;
+    if (origin + at.scale * box_top <= known_max) return known_max;
     double top = -std::numeric_limits<double>::infinity();
     for (const Mesh& mesh : model.meshes) {
       for (const glm::vec3& p : mesh.positions) {
@@ -305,7 +305,7 @@ void add_default_walls(Scene& scene, ShadowNode& node) {
   if (node.planes.empty() || node.casters.empty()) return;
   const double floor = scene.planes[static_cast<std::size_t>(node.planes.front())].point.z();
   // Returns the casters' maximum coordinate along a direction.
-  const auto reach = [&](const Eigen::Vector3d& direction) {
+  const auto max_coordinate = [&](const Eigen::Vector3d& direction) {
     const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
     double highest = -std::numeric_limits<double>::infinity();
     for (const int caster : node.casters) {
@@ -313,14 +313,14 @@ void add_default_walls(Scene& scene, ShadowNode& node) {
     }
     return highest;
   };
-  const double left = -reach(-Eigen::Vector3d::UnitX());
-  const double right = reach(Eigen::Vector3d::UnitX());
-  const double front = -reach(-Eigen::Vector3d::UnitY());
-  const double back = reach(Eigen::Vector3d::UnitY());
-  const double height = reach(Eigen::Vector3d::UnitZ()) - floor;
+  const double left = -max_coordinate(-Eigen::Vector3d::UnitX());
+  const double right = max_coordinate(Eigen::Vector3d::UnitX());
+  const double front = -max_coordinate(-Eigen::Vector3d::UnitY());
+  const double back = max_coordinate(Eigen::Vector3d::UnitY());
+  const double height = max_coordinate(Eigen::Vector3d::UnitZ()) - floor;
   if (!std::isfinite(left) || !(height > 0.0)) return;
-  const auto stand = [&](const char* side, const Eigen::Vector3d& normal, double x, double y,
-                         double half_width) {
+  const auto add_wall = [&](const char* side, const Eigen::Vector3d& normal, double x, double y,
+                            double half_width) {
     ScenePlane wall;
     wall.name = node.name + ": virtual " + side + " wall";
     wall.normal = normal;
@@ -330,8 +330,8 @@ void add_default_walls(Scene& scene, ShadowNode& node) {
     node.walls.push_back(static_cast<int>(scene.planes.size()));
     scene.planes.push_back(std::move(wall));
   };
-  stand("back", -Eigen::Vector3d::UnitY(), 0.5 * (left + right), back, 0.5 * (right - left));
-  stand("left", Eigen::Vector3d::UnitX(), left, 0.5 * (front + back), 0.5 * (back - front));
+  add_wall("back", -Eigen::Vector3d::UnitY(), 0.5 * (left + right), back, 0.5 * (right - left));
+  add_wall("left", Eigen::Vector3d::UnitX(), left, 0.5 * (front + back), 0.5 * (back - front));
 }
 
 }  // namespace penumbra

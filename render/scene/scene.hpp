@@ -74,7 +74,7 @@ struct SceneObject {
   std::vector<std::string> groups;
   std::shared_ptr<const Model> proxy_model;  // the author's reduced model for casting; may be null
   bool phantom = false;                      // represents a real object: writes depth only
-  bool cursor = false;                       // the user's 3D cursor; no more than one, on the table
+  bool cursor = false;  // the 3D cursor: at most one object, moves on the table
 };
 
 // Returns the model that casts an object's projected and volume shadows: its proxy if `proxies` and
@@ -137,8 +137,8 @@ struct ShadowNode : ShadowStyle {
   std::vector<int> casters;  // indices into Scene::objects
   std::vector<int> planes;   // indices into Scene::planes
   std::vector<int> walls;    // additional planes for the technique `walls`
-  std::vector<int> lights;   // indices into Scene::lights; empty: the first, if one is needed
-  LightMode light_mode = LightMode::proportional;  // layered shadows; cocl: always this
+  std::vector<int> lights;   // indices into Scene::lights; empty: the first light
+  LightMode light_mode = LightMode::proportional;  // layered shadows; cocl: never `fixed`
 };
 
 // Advice about the limits of a node's layered shadows; irrelevant to other techniques.
@@ -204,11 +204,11 @@ struct SceneState {
 // Returns an upper bound of each object's scale in the table frame over all times.
 [[nodiscard]] std::vector<double> largest_scales(const Scene& scene);
 // Returns the maximum height of each object's bounding sphere above the plane over all times [m],
-// sampled at its keys and between them.
+// sampled at keyframes and between them.
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
-// Returns the maximum height of each object's highest point above the plane at the same times [m].
+// Returns the maximum height of each object's vertices above the plane at the same times [m].
 [[nodiscard]] std::vector<double> highest_points(const Scene& scene,
                                                  const Eigen::Vector3d& plane_normal,
                                                  const Eigen::Vector3d& plane_point);

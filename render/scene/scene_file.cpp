@@ -87,8 +87,8 @@ Result<std::string> new_name(const Entry& from, const List& list) {
   return name.fault("\"{}\" is taken; give each its own name", shortened(name.text()));
 }
 
-// Returns the list indices of the named elements; fails for unknown or repeated names. `kind`: of
-// the elements, for messages.
+// Returns the list indices of the named elements; fails for unknown or repeated names. `kind`: what
+// the elements are, for messages.
 template <class List>
 Result<std::vector<int>> indices_of(const Entry& names, const List& list, std::string_view kind) {
   std::vector<int> indices;
@@ -364,7 +364,7 @@ void SceneReader::warn_of_size(const SceneObject& object) {
 
 // Warns once per model; not for objects with keyframes, which may move them anywhere.
 void SceneReader::warn_of_distance(const SceneObject& object) {
-  constexpr double kFarthest = 100.0;  // [m]
+  constexpr double kMaxDistance_m = 100.0;
   if (object.model_file.empty() || !object.animation.keyframes.empty()) return;
   Placement T_table_object = object.placement;
   for (int parent = object.parent; parent >= 0;) {
@@ -376,7 +376,7 @@ void SceneReader::warn_of_distance(const SceneObject& object) {
   const Eigen::Vector3d middle =
       placed_model(model, T_table_object) *
       Eigen::Vector3d(0.5 * (to_eigen(model.min_corner) + to_eigen(model.max_corner)));
-  if (middle.norm() <= kFarthest || !far_models_.insert(object.model_file).second) return;
+  if (middle.norm() <= kMaxDistance_m || !far_models_.insert(object.model_file).second) return;
   const Eigen::Vector3d position = object.placement.position - middle;
   const bool is_allowed = position.cwiseAbs().maxCoeff() <= 1000.0;  // limit of the schema
   std::string remedy = "move it to the origin in its file and export it again";
@@ -495,10 +495,10 @@ Result<void> SceneReader::read_light(const Entry& from) {
   return {};
 }
 
-// Layered Penumbrae, section 5.1: at the height at which the umbra vanishes, the middle layer is M
-// = a / (a - 1) times as large as the object and the penumbra 2 M times. It fits onto the sheet if
-// M <= W / (2 r), where W is half the width of the plane's outline and r the radius of the
-// footprint at time 0.
+// Advises if a penumbra is too large for its plane. Layered Penumbrae, section 5.1: at the height
+// where the umbra vanishes, the penumbra is 2 M times as large as the object, M = a / (a - 1), with
+// the light ratio a. It fits onto the plane if M <= W / (2 r), where W is half the width of the
+// plane's outline and r the radius of the object's footprint at time 0.
 void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place) {
   const double ratio = node.layered.light_ratio;
   if (!(ratio > 1.0)) return;
@@ -525,19 +525,20 @@ void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place)
         const auto corner = static_cast<Eigen::AlignedBox3d::CornerType>(i);
         footprint.extend(frame.to_plane(T * box.corner(corner)).head<2>());
       }
-      const double own = 0.5 * footprint.diagonal().norm();
-      if (widest == nullptr || own > radius) {
+      const double object_radius = 0.5 * footprint.diagonal().norm();
+      if (widest == nullptr || object_radius > radius) {
         widest = &object;
-        radius = own;
+        radius = object_radius;
       }
     }
     if (widest == nullptr || magnification <= half_width / (2.0 * radius)) continue;
-    const double fits = half_width / (2.0 * radius);
+    const double limit = half_width / (2.0 * radius);
     const std::string remedy =
-        fits > 1.0 ? fmt::format(
-                         "give a magnification of {:.2f} or less (a light_ratio of {:.1f} or more)",
-                         fits, fits / (fits - 1.0))
-                   : "lower the height at which it vanishes, or take a smaller object";
+        limit > 1.0
+            ? fmt::format(
+                  "give a magnification of {:.2f} or less (a light_ratio of {:.1f} or more)", limit,
+                  limit / (limit - 1.0))
+            : "lower the height at which it vanishes, or take a smaller object";
     advise(place, fmt::format("where its umbra vanishes the penumbra of \"{}\" is {:.2g} m wide, "
                               "and the plane \"{}\" {:.2g} m; {}",
                               shortened(widest->name), 4.0 * magnification * radius,
@@ -545,15 +546,15 @@ void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place)
   }
 }
 
-// Advises on objects above the heights that cast shadows, and on objects above the workspace for
-// which the light was chosen, which have no umbra. Neither is obvious from the image.
+// Advises if an object rises above the heights that cast shadows, or above the workspace for which
+// the light was chosen: it then has no umbra. The image shows neither cause.
 void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
   const auto layered = from.find("layered");
   const bool by_workspace = layered && layered->value.contains("workspace_height");
-  const double reach = layer_height_range(node.layered, ShadowLayer::penumbra).high;
+  const double max_casting_height = layer_height_range(node.layered, ShadowLayer::penumbra).high;
   for (const int index : node.planes) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
-    // Excludes walls, which have most of the scene far in front of them, and planes that move with
+    // Excludes walls, because most of the scene is far in front of them, and planes that move with
     // other tags.
     const bool is_floor = std::abs(plane.normal.z()) > 0.5 && plane.tag_group == kTableGroup;
     if (!is_floor) continue;
@@ -564,9 +565,9 @@ void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
       const double top = tops[static_cast<std::size_t>(caster)];
       const std::string above = fmt::format("\"{}\" comes to {:.4g} m above \"{}\"",
                                             shortened(object.name), top, shortened(plane.name));
-      if (top > reach) {
+      if (top > max_casting_height) {
         advise(from.place, fmt::format("{}; what is above {:.4g} m casts nothing; raise the light",
-                                       above, reach));
+                                       above, max_casting_height));
       } else if (by_workspace && top > node.layered.umbra_height * (1.0 + 1e-6)) {
         advise(from.place,
                fmt::format("{}, beyond the workspace_height of {:.4g} m, and has no umbra there; "
@@ -644,13 +645,13 @@ Result<void> SceneReader::read_shadow(const Entry& from) {
     advise_on_size(node, from.place);
     advise_on_height(node, from);
   }
-  if (const auto left = from.find("light_left")) {
+  if (const auto light_left = from.find("light_left")) {
     LightFractions& fractions = node.fractions;
-    fractions.umbra = left->value.value("umbra", fractions.umbra);
-    fractions.middle = left->value.value("middle", fractions.middle);
-    fractions.penumbra = left->value.value("penumbra", fractions.penumbra);
+    fractions.umbra = light_left->value.value("umbra", fractions.umbra);
+    fractions.middle = light_left->value.value("middle", fractions.middle);
+    fractions.penumbra = light_left->value.value("penumbra", fractions.penumbra);
     if (!(fractions.umbra <= fractions.middle && fractions.middle <= fractions.penumbra)) {
-      warn(left->place, "the umbra should be darkest and the penumbra lightest");
+      warn(light_left->place, "the umbra should be darkest and the penumbra lightest");
     }
   }
   scene_.shadows.push_back(std::move(node));

@@ -32,7 +32,7 @@ std::string shown(const json& value) {
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
-// Callback for json::parse that finds duplicate keys; the reader silently keeps the last of them.
+// Callback for json::parse that finds duplicate keys; json::parse keeps the last value.
 class DuplicateKeys {
  public:
   bool operator()(json::parse_event_t event, const json& parsed) {
@@ -111,7 +111,7 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
   if (const auto type = schema.find("type"); type != schema.end()) {
     const json types = type->is_array() ? *type : json::array({*type});
     const bool good = std::ranges::any_of(
-        types, [&value](const json& one) { return has_type(value, one.get<std::string>()); });
+        types, [&value](const json& name) { return has_type(value, name.get<std::string>()); });
     if (!good) return wrong();
   }
   if (const auto choices = schema.find("enum"); choices != schema.end()) {
@@ -175,7 +175,7 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
   return std::nullopt;
 }
 
-// "[json.exception.parse_error.101] parse error at line 3, column 5: ..." -> from "parse" on.
+// Returns "parse error at ..." from "[json.exception.parse_error.101] parse error at ...".
 std::string without_tag(std::string_view text) {
   const std::size_t tag = text.find("] ");
   return std::string(text.substr(tag == std::string_view::npos ? 0 : tag + 2)).substr(0, 200);

@@ -20,11 +20,11 @@ enum class ShadowTechnique {
 // Properties of a technique that planning, drawing and the window depend on.
 struct TechniqueTraits {
   // Casts umbra, middle and penumbra with the constants ShadowStyle::layered. Otherwise a
-  // ShadowDraw is the middle layer, cast straight down.
+  // ShadowDraw is only the middle layer, cast along the plane's normal.
   bool has_penumbra = false;
   bool has_one_light_size = false;  // as with LightMode::fixed
   bool uses_kernels = false;
-  bool uses_outlines = false;     // masks use outlines computed on the CPU, for any mesh
+  bool uses_outlines = false;     // computes mask outlines on the CPU, for any mesh
   bool ignores_cut_outs = false;  // casts the shadows of whole faces
   bool uses_lights = false;       // casts from the scene's lights and can draw light rays
 };
@@ -49,16 +49,16 @@ struct TechniqueTraits {
 // Maximum number of lights with hard shadows on one plane.
 inline constexpr std::size_t kMaxHardLights = 7;
 
-// The size of the light of layered shadows.
+// Radius R_L of the light of layered shadows (docs/shadows.md#lights-of-one-size).
 enum class LightMode {
-  proportional,  // to each part's thickness: all parts lose their umbra at the same height
-  fixed,         // one size for all parts, so thin parts lose their umbra first (fixed_light.hpp)
+  proportional,  // to the disc radius at each kernel: all umbrae vanish at one height
+  fixed,         // one per part: where the part is thin, the umbra vanishes first (fixed_light.hpp)
 };
 
 enum class KernelSource {
   automatic,  // centre of the largest disc near the vertex, in the silhouette of its part
   smooth,     // mean over all discs near a vertex: fewer twisted faces
-  per_axis,   // composed of the sets for the three axes (Layered Penumbrae, section 5.3)
+  per_axis,   // composed of three kernel sets, one per axis (Layered Penumbrae, section 5.3)
   centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
 };
 
