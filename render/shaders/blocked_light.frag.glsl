@@ -1,4 +1,4 @@
-// Darkens a plane by its blocked lights.
+// Darkens a plane by the light that shadow casters block.
 in vec2 view;
 
 uniform vec3 inverse_depth;  // see receiver.vert.glsl
@@ -12,6 +12,6 @@ layout(location = 0) out vec4 color;
 
 void main() {
   vec3 ray = vec3(view, 1.0);
-  vec3 place = eye + table_from_camera * ray / max(dot(inverse_depth, ray), 1.0e-6);
-  color = darkening(blocked_share(place, normal), opacity, add_up != 0);
+  vec3 point = eye + table_from_camera * ray / max(dot(inverse_depth, ray), 1.0e-6);
+  color = darkening(blocked_share(point, normal), opacity, add_up != 0);
 }

@@ -1,9 +1,9 @@
 // A shadow field's rectangle on its plane, as a grid fine enough to follow the lens.
 layout(location = 0) in vec2 corner;  // 0 .. 1
 
-uniform vec4 field_rect;      // centre of the first texel, extents to the last one's [m]
+uniform vec4 field_rect;      // first texel's centre, vector to the last texel's centre [m]
 uniform vec2 field_last;      // index of the last texel
-uniform vec4 plane_from_own;  // PlanarMotion: cosine, sine, translation [m]
+uniform vec4 plane_from_own;  // from the field's frame; PlanarMotion: cosine, sine, translation [m]
 uniform mat4x3 camera_from_plane;
 
 out vec2 texel;
@@ -11,7 +11,7 @@ out vec2 texel;
 void main() {
   texel = corner * field_last;
   vec2 p = field_rect.xy + corner * field_rect.zw;
-  vec2 place = vec2(plane_from_own.x * p.x - plane_from_own.y * p.y,
-                    plane_from_own.y * p.x + plane_from_own.x * p.y) + plane_from_own.zw;
-  gl_Position = shadow_clip(camera_from_plane, place);
+  vec2 uv = vec2(plane_from_own.x * p.x - plane_from_own.y * p.y,
+                 plane_from_own.y * p.x + plane_from_own.x * p.y) + plane_from_own.zw;
+  gl_Position = shadow_clip(camera_from_plane, uv);
 }

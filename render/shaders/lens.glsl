@@ -4,7 +4,7 @@ uniform vec4 lens_scale_offset;  // normalised distorted (x, y) -> NDC: xy scale
 uniform vec4 lens_k_low;         // k1 k2 p1 p2; fisheye: k1 k2 k3 k4
 uniform vec4 lens_k_high;        // k3 k4 k5 k6
 uniform int lens_model;          // 0: no distortion, 1: plumb_bob, 2: rational, 3: fisheye
-uniform float lens_max_radius;   // the model is valid up to here; beyond, linear
+uniform float lens_max_radius;   // undistorted radius up to which the model holds; then linear
 uniform vec2 lens_depth;         // clip z = x * z + y
 
 vec2 lens_distort(vec2 p) {
@@ -26,10 +26,10 @@ vec2 lens_distort(vec2 p) {
   return p * radial + tangential;
 }
 
-// w is the depth z, so that the rasteriser interpolates and clips as for a pinhole camera. Beyond
-// lens_max_radius and behind the camera, x_d * z depends only on (x, y), so that primitives across
-// the camera's plane stay connected. `farther`: factor on the depth.
-vec4 lens_clip(vec3 p, float farther) {
+// Returns w = depth, so that the rasteriser interpolates and clips as for a pinhole camera. Beyond
+// lens_max_radius and behind the camera, distorted_z depends only on (x, y), so that primitives
+// across the camera's plane stay connected.
+vec4 lens_clip(vec3 p, float depth_factor) {
   vec2 distorted_z;  // distorted (x, y) times z
   if (lens_model == 0) {
     distorted_z = p.xy;
@@ -41,11 +41,11 @@ vec4 lens_clip(vec3 p, float farther) {
       distorted_z = lens_distort(p.xy * (lens_max_radius / rz)) * (rz / lens_max_radius);
   }
   return vec4(lens_scale_offset.xy * distorted_z + lens_scale_offset.zw * p.z,
-              lens_depth.x * p.z + lens_depth.y / farther, p.z);
+              lens_depth.x * p.z + lens_depth.y / depth_factor, p.z);
 }
 
-// Projects a point of a shadow on its plane, 0.1 % farther in depth, so that rounding never hides
-// objects that stand on the plane.
-vec4 shadow_clip(mat4x3 camera_from_plane, vec2 place) {
-  return lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+// Projects the point (u, v) of a shadow's plane, 0.1 % farther in depth, so that rounding never
+// hides objects that stand on the plane.
+vec4 shadow_clip(mat4x3 camera_from_plane, vec2 uv) {
+  return lens_clip(camera_from_plane * vec4(uv, 0.0, 1.0), 1.001);
 }

@@ -1,7 +1,7 @@
-// Darkens a surface by a shadow (shadow_mask.glsl), or by the darkest of several shadows, gathered
-// in the framebuffer's alpha.
-in vec3 place;
-in vec3 facing;
+// Darkens a surface by a shadow (shadow_mask.glsl), or by the darkest of several shadows, which the
+// framebuffer's alpha gathers.
+in vec3 table_point;
+in vec3 table_normal;
 
 layout(location = 0) out vec4 color;
 
@@ -17,13 +17,14 @@ void main() {
 #endif
     return;
   }
-  float left = left_under_mask(place, surface_normal(facing, normalize(eye - place)));
+  vec3 n = surface_normal(table_normal, normalize(eye - table_point));
+  float light = light_left_under_mask(table_point, n);
   if (gathering == 0) {
-    color = darkened(vec3(left));
+    color = darkened(vec3(light));
     return;
   }
 #if defined(RETEXTURED)
-  if (gathering == 2) left = min(left, texelFetch(framebuffer_copy, ivec2(gl_FragCoord.xy), 0).a);
+  if (gathering == 2) light = min(light, texelFetch(framebuffer_copy, ivec2(gl_FragCoord.xy), 0).a);
 #endif
-  color = vec4(vec3(0.0), left);
+  color = vec4(vec3(0.0), light);
 }

@@ -1,12 +1,12 @@
 // Metallic-roughness surface under a few lights and hemisphere ambient light. Computes linear light
 // and encodes it with the camera response. DARKENS: darkens the surface by a shadow instead.
-in vec3 place;
-in vec3 facing;  // normal, not of unit length
-in vec2 surface;  // texture coordinates
+in vec3 table_point;
+in vec3 table_normal;  // not of unit length
+in vec2 uv;  // texture coordinates
 in vec4 tint;
 #if defined(MATERIAL_MAPS)
-in vec4 along;  // tangent; w: as Mesh::tangents
-in vec2 surface_2;
+in vec4 table_tangent;  // w: as Mesh::tangents
+in vec2 uv_2;
 #endif
 
 layout(location = 0) out vec4 color;
@@ -27,7 +27,7 @@ uniform float opacity;  // of the shadow, or of the surface
 
 #if defined(MATERIAL_MAPS)
 uniform float base_color_by_second;  // 1: the texture uses the second texture coordinates
-// x = 1: the material has the map; y = 1: it uses the second texture coordinates.
+// x = 1: the material has the map; y = 1: the map uses the second texture coordinates.
 uniform vec2 has_metal_map;
 uniform vec2 has_normal_map;
 uniform vec2 has_occlusion_map;
@@ -42,73 +42,73 @@ uniform float base_alpha;
 uniform float alpha_cutoff;  // fragments below it are discarded; negative: no cutoff
 uniform int alpha_blends;
 
-vec2 map_place(float by_second) {
-  return by_second > 0.5 ? surface_2 : surface;
+vec2 map_uv(float by_second) {
+  return by_second > 0.5 ? uv_2 : uv;
 }
 
 // Applies the normal map on the visible side.
 vec3 mapped_normal(vec3 n) {
-  vec3 t = along.xyz - n * dot(n, along.xyz);
+  vec3 t = table_tangent.xyz - n * dot(n, table_tangent.xyz);
   float size = length(t);
   if (has_normal_map.x < 0.5 || size < 1.0e-6) return n;
   // For a flipped normal, the tangents are flipped as well.
-  float side = dot(n, facing) < 0.0 ? -1.0 : 1.0;
+  float side = dot(n, table_normal) < 0.0 ? -1.0 : 1.0;
   t *= side / size;
-  vec3 b = cross(n * side, t * side) * along.w * side;
-  vec3 m = (2.0 * texture(normal_map, map_place(has_normal_map.y)).xyz - 1.0) *
+  vec3 b = cross(n * side, t * side) * table_tangent.w * side;
+  vec3 m = (2.0 * texture(normal_map, map_uv(has_normal_map.y)).xyz - 1.0) *
            vec3(normal_scale, normal_scale, 1.0);
-  vec3 turned = t * m.x + b * m.y + n * m.z;
-  float turned_size = length(turned);
-  return turned_size > 1.0e-6 ? turned / turned_size : n;
+  vec3 mapped = t * m.x + b * m.y + n * m.z;
+  float mapped_length = length(mapped);
+  return mapped_length > 1.0e-6 ? mapped / mapped_length : n;
 }
 #endif
 
 void main() {
-  vec3 view = normalize(eye - place);
-  vec3 n = surface_normal(facing, view);
+  vec3 view = normalize(eye - table_point);
+  vec3 n = surface_normal(table_normal, view);
 #if defined(MATERIAL_MAPS)
   float alpha = base_alpha * tint.a;
   if (has_texture != 0)
-    alpha *= texture(base_color_texture, map_place(base_color_by_second)).a;
+    alpha *= texture(base_color_texture, map_uv(base_color_by_second)).a;
   if (alpha < alpha_cutoff) discard;
   n = mapped_normal(n);
 #endif
 #if defined(DARKENS)
-  color = darkening(blocked_share(place, n), opacity, darkens == 2);
+  color = darkening(blocked_share(table_point, n), opacity, darkens == 2);
 #else
   vec3 albedo = base_color * tint.rgb;
-  vec3 own_light = emissive;
+  vec3 emitted = emissive;
   float metal = metallic;
   float rough = roughness;
   float occlusion = 1.0;
 #if defined(MATERIAL_MAPS)
   if (has_texture != 0)
-    albedo *= texture(base_color_texture, map_place(base_color_by_second)).rgb;
+    albedo *= texture(base_color_texture, map_uv(base_color_by_second)).rgb;
   if (has_emissive_map.x > 0.5)
-    own_light *= texture(emissive_map, map_place(has_emissive_map.y)).rgb;
+    emitted *= texture(emissive_map, map_uv(has_emissive_map.y)).rgb;
   if (has_metal_map.x > 0.5) {
-    vec4 maps = texture(metal_map, map_place(has_metal_map.y));
+    vec4 maps = texture(metal_map, map_uv(has_metal_map.y));
     rough *= maps.g;
     metal *= maps.b;
   }
   if (has_occlusion_map.x > 0.5) {
-    float seen = texture(occlusion_map, map_place(has_occlusion_map.y)).r;
-    occlusion = 1.0 + occlusion_strength * (seen - 1.0);
+    float map_occlusion = texture(occlusion_map, map_uv(has_occlusion_map.y)).r;
+    occlusion = 1.0 + occlusion_strength * (map_occlusion - 1.0);
   }
 #else
-  if (has_texture != 0) albedo *= texture(base_color_texture, surface).rgb;
+  if (has_texture != 0) albedo *= texture(base_color_texture, uv).rgb;
 #endif
   float n_v = max(dot(n, view), 1.0e-3);
 
   vec3 f0 = mix(vec3(0.04), albedo, metal);
   vec3 diffuse = albedo * (1.0 - metal);
-  float width = max(rough * rough, 0.02);
-  float alpha2 = width * width;
+  float ggx_alpha = max(rough * rough, 0.02);
+  float alpha2 = ggx_alpha * ggx_alpha;
 
-  vec3 sum = own_light;
+  vec3 sum = emitted;
   for (int i = 0; i < MAX_LIGHTS; ++i) {
     if (i >= light_count) break;
-    vec3 l = normalize(light_place[i].xyz - place * light_place[i].w);
+    vec3 l = normalize(light_place[i].xyz - table_point * light_place[i].w);
     float n_l = dot(n, l);
     if (n_l <= 0.0) continue;
     vec3 h = normalize(l + view);
@@ -117,7 +117,7 @@ void main() {
     // GGX distribution, Smith's visibility in its fast form, Schlick's Fresnel term; times pi, so
     // that a light of intensity 1 gives a white Lambert surface the value 1.
     float d = n_h * n_h * (alpha2 - 1.0) + 1.0;
-    float k = 0.5 * width;
+    float k = 0.5 * ggx_alpha;
     float visibility = 0.25 / ((n_v * (1.0 - k) + k) * (n_l * (1.0 - k) + k));
     vec3 fresnel = f0 + (1.0 - f0) * pow(max(1.0 - v_h, 0.0), 5.0);
     vec3 specular = fresnel * (alpha2 / (d * d) * visibility);
@@ -138,7 +138,7 @@ void main() {
   vec3 encoded = mix(high, low, vec3(lessThan(sum, vec3(tone.w))));
 #if defined(MATERIAL_MAPS)
   if (alpha_blends != 0) {
-    color = seen_through(encoded, alpha * opacity);
+    color = mixed_in_by_alpha(encoded, alpha * opacity);
     return;
   }
 #endif

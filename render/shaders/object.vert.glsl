@@ -10,26 +10,26 @@ layout(location = 5) in vec2 texcoord_2;
 uniform mat4x3 table_from_object;
 uniform mat4x3 camera_from_object;
 
-out vec3 place;  // table frame [m]
-out vec3 facing;
-out vec2 surface;
+out vec3 table_point;  // table frame [m]
+out vec3 table_normal;
+out vec2 uv;
 out vec4 tint;
 #if defined(MATERIAL_MAPS)
-out vec4 along;  // the tangent in the table frame; w: as Mesh::tangents
-out vec2 surface_2;
+out vec4 table_tangent;  // w: as Mesh::tangents
+out vec2 uv_2;
 #endif
 
 // Several programs must give a surface exactly the same depth.
 invariant gl_Position;
 
 void main() {
-  place = table_from_object * vec4(position, 1.0);
-  facing = table_from_object * vec4(normal, 0.0);
-  surface = texcoord;
+  table_point = table_from_object * vec4(position, 1.0);
+  table_normal = table_from_object * vec4(normal, 0.0);
+  uv = texcoord;
   tint = color;
 #if defined(MATERIAL_MAPS)
-  along = vec4(table_from_object * vec4(tangent.xyz, 0.0), tangent.w);
-  surface_2 = texcoord_2;
+  table_tangent = vec4(table_from_object * vec4(tangent.xyz, 0.0), tangent.w);
+  uv_2 = texcoord_2;
 #endif
   gl_Position = lens_clip(camera_from_object * vec4(position, 1.0), 1.0);
 }

@@ -9,8 +9,8 @@ out vec2 view;
 
 void main() {
   view = view_rect.xy + corner * view_rect.zw;
-  vec4 place = lens_clip(vec3(view, 1.0), 1.0);
+  vec4 clip = lens_clip(vec3(view, 1.0), 1.0);
   // 0.1 % farther, as in shadow_clip(). Points beyond the horizon are beyond the far plane.
   float z = lens_depth.x + lens_depth.y / 1.001 * dot(inverse_depth, vec3(view, 1.0));
-  gl_Position = vec4(place.xy, z, 1.0);
+  gl_Position = vec4(clip.xy, z, 1.0);
 }

@@ -1,7 +1,7 @@
-// Projects a caster's vertex to the plane in one layer (Layered Penumbrae, section 3), as in
+// Projects a caster's vertex x with the kernel k and the height h to the plane in one layer, as in
 // render/shadow/layers/layered_penumbra.hpp, but with 1/H, which is 0 for a light at the zenith:
-//   q = 1 / (1 - h/H);  umbra k + (1 - h/h_u) q (x - k);  middle x + (h/H) q (x - k);
-//   penumbra x + (h/H + h/h_u) q (x - k)
+//   q = 1 / (1 - h/H);  umbra: k + (1 - h/h_u) q (x - k);  middle: x + (h/H) q (x - k);
+//   penumbra: x + (h/H + h/h_u) q (x - k)
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 kernel;
 
@@ -10,10 +10,10 @@ uniform mat4x3 camera_from_plane;
 uniform float inverse_light_height;  // 1/H [1/m]
 uniform float umbra_height;          // h_u [m]
 uniform float inverse_umbra_height;  // 1/h_u [1/m]
-uniform float height_cap;            // [m]
+uniform float height_cap;            // maximum of h [m]
 uniform int first_layer;             // layer of the first instance: 0 umbra, 1 middle, 2 penumbra
 uniform int layer_step;              // difference of the layers of consecutive instances: 1 or -1
-uniform vec3 layer_light;            // of each layer, for darkened_by_layer()
+uniform vec3 layer_light;            // light left in each layer, for darkened_by_layer()
 
 flat out float light_left;
 
@@ -24,17 +24,17 @@ void main() {
   float q = 1.0 / (1.0 - h * inverse_light_height);
   float t = h * inverse_light_height * q;
   int layer = first_layer + layer_step * gl_InstanceID;
-  vec2 place;
+  vec2 uv;
   if (layer == 0) {
     // Computed from k, so that the factor is exactly 0 at h_u.
-    place = k + max((umbra_height - h) * inverse_umbra_height * q, 0.0) * (x.xy - k);
+    uv = k + max((umbra_height - h) * inverse_umbra_height * q, 0.0) * (x.xy - k);
     light_left = layer_light.x;
   } else if (layer == 1) {
-    place = x.xy + t * (x.xy - k);
+    uv = x.xy + t * (x.xy - k);
     light_left = layer_light.y;
   } else {
-    place = x.xy + (t + h * inverse_umbra_height * q) * (x.xy - k);
+    uv = x.xy + (t + h * inverse_umbra_height * q) * (x.xy - k);
     light_left = layer_light.z;
   }
-  gl_Position = shadow_clip(camera_from_plane, place);
+  gl_Position = shadow_clip(camera_from_plane, uv);
 }

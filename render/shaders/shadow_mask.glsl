@@ -10,15 +10,15 @@ uniform vec2 mask_extent;        // [m]
 uniform vec4 mask_levels[MAX_LEVELS / 4];  // heights [m], ascending
 uniform int mask_count;
 uniform float mask_step;         // surfaces farther above the highest level receive no shadow [m]
-uniform float mask_level_width;  // up to here above a level: no interpolation [m]
+uniform float mask_level_width;  // no interpolation up to this height above a level [m]
 
 float mask_level(int i) {
   return mask_levels[i / 4][i % 4];
 }
 
-// Returns the factor on the encoded value of a surface at `place` with the normal `normal`.
-float left_under_mask(vec3 place, vec3 normal) {
-  vec3 p = mask_from_table * vec4(place, 1.0);
+// Returns the factor on the encoded value of a surface at `point` with the normal `normal`.
+float light_left_under_mask(vec3 point, vec3 normal) {
+  vec3 p = mask_from_table * vec4(point, 1.0);
   float facing = dot(mask_normal, normal);
   vec2 at = (p.xy - mask_origin) / mask_extent;
   if (facing <= 0.0 || p.z < -1.0e-4 || p.z > mask_level(mask_count - 1) + mask_step ||
@@ -33,21 +33,21 @@ float left_under_mask(vec3 place, vec3 normal) {
     else
       above = middle;
   }
-  vec3 share = texture(shadow_mask, vec3(at, float(above))).rgb;
+  vec3 cover = texture(shadow_mask, vec3(at, float(above))).rgb;
   // Interpolates between two levels, except within a level's width.
   if (above > 0) {
     float low = mask_level(above - 1);
     float high = mask_level(above);
-    float lower = clamp((high - p.z) / max(high - low - mask_level_width, 1.0e-4), 0.0, 1.0);
-    share = mix(share, texture(shadow_mask, vec3(at, float(above - 1))).rgb, lower);
+    float lower_weight = clamp((high - p.z) / max(high - low - mask_level_width, 1.0e-4), 0.0, 1.0);
+    cover = mix(cover, texture(shadow_mask, vec3(at, float(above - 1))).rgb, lower_weight);
   }
   // Lambert's law for the blocked light.
   vec3 lost = (1.0 - pow(mask_light_left, vec3(1.0 / encoding))) * min(facing, 1.0);
-  vec3 darkens = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
+  vec3 darkening = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
   // Each layer counts only where no darker layer covers the texel.
-  share.g = max(share.g, share.r);
-  share.b = max(share.b, share.g);
-  float left = 1.0 - dot(vec3(share.r, share.g - share.r, share.b - share.g), darkens);
-  // Rounded to 8 bits, as values gathered in the framebuffer's alpha are.
-  return floor(255.0 * left + 0.5) / 255.0;
+  cover.g = max(cover.g, cover.r);
+  cover.b = max(cover.b, cover.g);
+  float light_left = 1.0 - dot(vec3(cover.r, cover.g - cover.r, cover.b - cover.g), darkening);
+  // Rounds to 8 bits, because the framebuffer's alpha does so with gathered values.
+  return floor(255.0 * light_left + 0.5) / 255.0;
 }

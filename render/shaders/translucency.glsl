@@ -17,13 +17,13 @@ void discard_by_dither(float opaque) {
 // The eye averages linear light, so the fraction of black pixels equals the fraction of blocked
 // light.
 vec4 darkened(vec3 factor) {
-  float left = dot(pow(factor, vec3(2.2)), vec3(0.2126, 0.7152, 0.0722));
-  discard_by_dither(floor(16.0 * (1.0 - left) + 0.5));
+  float light_left = dot(pow(factor, vec3(2.2)), vec3(0.2126, 0.7152, 0.0722));
+  discard_by_dither(floor(16.0 * (1.0 - light_left) + 0.5));
   return vec4(0.0, 0.0, 0.0, 1.0);
 }
-// `layer`: its number of opaque pixels among 16.
-vec4 darkened_by_layer(float layer) {
-  discard_by_dither(layer);
+// `opaque`: the layer's number of opaque pixels among 16.
+vec4 darkened_by_layer(float opaque) {
+  discard_by_dither(opaque);
   return vec4(0.0, 0.0, 0.0, 1.0);
 }
 vec4 mixed_in(vec3 color, float opacity) {
@@ -46,21 +46,21 @@ vec3 under_fragment() {
 vec4 darkened(vec3 factor) {
   return vec4(under_fragment() * factor, 1.0);
 }
-// `layer`: its factor on the encoded value.
-vec4 darkened_by_layer(float layer) {
-  return darkened(vec3(layer));
+// `factor`: the layer's factor on the encoded value.
+vec4 darkened_by_layer(float factor) {
+  return darkened(vec3(factor));
 }
 vec4 mixed_in(vec3 color, float opacity) {
   return vec4(mix(under_fragment(), color, opacity), 1.0);
 }
 
 #else
-// Blended: image * factor.
+// The blending multiplies the image by the factor.
 vec4 darkened(vec3 factor) {
   return vec4(factor, 1.0);
 }
-vec4 darkened_by_layer(float layer) {
-  return vec4(vec3(layer), 1.0);
+vec4 darkened_by_layer(float factor) {
+  return vec4(vec3(factor), 1.0);
 }
 // The opacity is a constant of the blending.
 vec4 mixed_in(vec3 color, float opacity) {
@@ -68,8 +68,8 @@ vec4 mixed_in(vec3 color, float opacity) {
 }
 #endif
 
-// mixed_in() with an opacity per fragment, which is the alpha if blended.
-vec4 seen_through(vec3 color, float opacity) {
+// Like mixed_in(), with an opacity per fragment. Blending uses the opacity as alpha.
+vec4 mixed_in_by_alpha(vec3 color, float opacity) {
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
   return mixed_in(color, opacity);
 #else
@@ -77,12 +77,12 @@ vec4 seen_through(vec3 color, float opacity) {
 #endif
 }
 
-// Sums the colours of several draw calls, and takes the maximum of their alphas.
+// Adds a draw call's colour to the sum of previous draw calls; keeps the maximum of their alphas.
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
 uniform sampler2D sums_copy;
 vec4 added(vec4 value) {
-  vec4 before = texelFetch(sums_copy, ivec2(gl_FragCoord.xy), 0);
-  return vec4(before.rgb + value.rgb, max(before.a, value.a));
+  vec4 sum = texelFetch(sums_copy, ivec2(gl_FragCoord.xy), 0);
+  return vec4(sum.rgb + value.rgb, max(sum.a, value.a));
 }
 #else
 vec4 added(vec4 value) {

@@ -6,7 +6,7 @@ uniform vec3 yuv_offset;
 uniform mat3 rgb_from_yuv;
 uniform vec4 plane_extents;  // image size / size of the luma (xy) and chroma (zw) planes
 
-out vec2 in_plane;
+out vec2 luma_uv;
 flat out vec2 chroma_scale;
 flat out vec3 flat_yuv_offset;
 flat out mat3 flat_rgb_from_yuv;
@@ -15,7 +15,7 @@ flat out mat3 flat_rgb_from_yuv;
 void main() {
   vec2 corner = vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1));
 #if defined(WHOLE_PICTURE)
-  in_plane = 2.0 * corner * plane_extents.xy;
+  luma_uv = 2.0 * corner * plane_extents.xy;
   chroma_scale = plane_extents.zw / plane_extents.xy;
   flat_yuv_offset = yuv_offset;
   flat_rgb_from_yuv = rgb_from_yuv;

@@ -8,7 +8,7 @@ uniform sampler2D plane2;
 // From video.vert.glsl. Samples at luma pixel centres, which are at least a quarter texel from a
 // texel's edge, so the result equals texelFetch(). On a CPU renderer this takes a third of the
 // instructions.
-in vec2 in_plane;
+in vec2 luma_uv;
 flat in vec2 chroma_scale;
 flat in vec3 flat_yuv_offset;
 flat in mat3 flat_rgb_from_yuv;
@@ -38,18 +38,18 @@ vec3 yuv_of_pair(vec4 pair, int column) {
 #if defined(WHOLE_PICTURE)
 vec3 video_color() {
 #if defined(VIDEO_RGB)
-  return texture(plane0, in_plane).rgb;
+  return texture(plane0, luma_uv).rgb;
 #elif defined(VIDEO_GREY)
-  return rgb_of(vec3(texture(plane0, in_plane).r, yuv_offset.yz));
+  return rgb_of(vec3(texture(plane0, luma_uv).r, yuv_offset.yz));
 #elif defined(VIDEO_YUYV)
-  return rgb_of(yuv_of_pair(texture(plane0, in_plane), int(gl_FragCoord.x)));
+  return rgb_of(yuv_of_pair(texture(plane0, luma_uv), int(gl_FragCoord.x)));
 #else
-  vec2 chroma = in_plane * chroma_scale;
+  vec2 chroma = luma_uv * chroma_scale;
 #if defined(VIDEO_NV12)
-  return rgb_of(vec3(texture(plane0, in_plane).r, texture(plane1, chroma).rg));
+  return rgb_of(vec3(texture(plane0, luma_uv).r, texture(plane1, chroma).rg));
 #else
   return rgb_of(
-      vec3(texture(plane0, in_plane).r, texture(plane1, chroma).r, texture(plane2, chroma).r));
+      vec3(texture(plane0, luma_uv).r, texture(plane1, chroma).r, texture(plane2, chroma).r));
 #endif
 #endif
 }
