@@ -12,7 +12,7 @@
 
 namespace penumbra {
 
-// Object coordinates to plane coordinates (u, v, h): linear p + offset.
+// Maps object coordinates p to plane coordinates (u, v, h) = linear * p + offset.
 struct PlaneMap {
   Eigen::Matrix3d linear;
   Eigen::Vector3d offset;  // [m]

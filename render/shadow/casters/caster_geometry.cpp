@@ -31,7 +31,7 @@ void append_split(std::array<Vertex, 3> corners, std::array<std::optional<Vertex
                   std::vector<Vertex>& to) {
   const auto& [a, b, c] = corners;
   const auto& [ab, bc, ca] = midpoints;
-  const auto turn = [&] {
+  const auto rotate_corners = [&] {
     std::ranges::rotate(corners, corners.begin() + 1);
     std::ranges::rotate(midpoints, midpoints.begin() + 1);
   };
@@ -40,11 +40,11 @@ void append_split(std::array<Vertex, 3> corners, std::array<std::optional<Vertex
       to.insert(to.end(), {a, b, c});
       return;
     case 1:
-      while (!ab) turn();
+      while (!ab) rotate_corners();
       to.insert(to.end(), {a, *ab, c, *ab, b, c});
       return;
     case 2:
-      while (ca) turn();
+      while (ca) rotate_corners();
       to.insert(to.end(), {*ab, b, *bc, a, *ab, *bc, a, *bc, c});
       return;
     default:
@@ -52,7 +52,7 @@ void append_split(std::array<Vertex, 3> corners, std::array<std::optional<Vertex
   }
 }
 
-// Halves every edge that is longer than this, in all of its faces.
+// Halves every edge longer than `max_edge_m`, in all faces at the edge.
 void split_once(CasterGeometry& g, float max_edge_m) {
   std::unordered_map<std::uint64_t, std::uint32_t> midpoints;
   std::vector<std::uint32_t> next;
@@ -91,7 +91,7 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
   if (!(max_edge_m > 0.0F)) return g;
   float longest = longest_edge_of(g);
   if (!std::isfinite(longest)) return g;
-  // Splits the longest edges first, so that a coarser mesh has no edge split without need.
+  // Splits the longest edges first, so that coarser meshes contain only the splits they need.
   float length = max_edge_m;
   while (length * kCoarser < longest) length *= kCoarser;
   for (; longest > max_edge_m && g.indices.size() / 3 < max_triangles;

@@ -13,11 +13,11 @@
 namespace penumbra {
 
 struct CasterGeometry {
-  std::vector<glm::vec3> positions;    // object frame [m]; the mesh's own come first
+  std::vector<glm::vec3> positions;    // object frame [m]; first those of the input mesh
   std::vector<std::uint32_t> indices;  // triangles
-  std::size_t mesh_positions = 0;
-  // Coarser meshes over the same positions, coarsest first: the unsplit mesh, then meshes whose
-  // longest edge shrinks by a factor of about 1.4 each.
+  std::size_t mesh_positions = 0;      // number of positions of the input mesh
+  // Coarser meshes over the same positions, coarsest first: the unsplit mesh, then meshes that each
+  // have a longest edge about 1.4 times shorter than the previous mesh.
   struct Coarser {
     std::vector<std::uint32_t> indices;  // triangles
     float longest_edge = 0.0F;           // object frame [m]
@@ -32,8 +32,8 @@ struct CasterGeometry {
 [[nodiscard]] CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
                                               std::size_t max_triangles = 200'000);
 
-// Appends the projections of the added vertices to those of the mesh's own vertices. A projected
-// edge is straight, so its midpoint is the mean of its projected ends.
+// `points` holds the projected vertices of the input mesh; appends those of the added vertices. A
+// projected edge is straight, so its midpoint is the mean of its projected ends.
 void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& points);
 
 // Splits triangles, three points each, until no edge is longer than `longest` [m] or there are

@@ -19,8 +19,8 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kManyFaces = 20'000;
-constexpr double kShareOfFew = 0.5;
-constexpr double kShareOfMany = 0.25;
+constexpr double kShareOfFew = 0.5;        // fraction of the faces to keep, up to kManyFaces
+constexpr double kShareOfMany = 0.25;      // above kManyFaces
 constexpr double kWorthwhileShare = 0.75;  // a larger fraction of the faces saves too little
 constexpr int kComparedCells = 256;        // along a layer's longer side
 
@@ -127,16 +127,16 @@ std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full) {
   const auto max_faces = static_cast<std::size_t>(kWorthwhileShare * static_cast<double>(faces));
   if (indices.empty() || indices.size() / 3 > max_faces) return std::nullopt;
   ShadowProxy proxy;
-  std::vector<std::uint32_t> kept(full.positions.size(), kNoShadowPosition);
+  std::vector<std::uint32_t> proxy_index_of(full.positions.size(), kNoShadowPosition);
   for (std::uint32_t& index : indices) {
-    std::uint32_t& place = kept[index];
-    if (place == kNoShadowPosition) {
-      place = static_cast<std::uint32_t>(proxy.source_of.size());
+    std::uint32_t& proxy_index = proxy_index_of[index];
+    if (proxy_index == kNoShadowPosition) {
+      proxy_index = static_cast<std::uint32_t>(proxy.source_of.size());
       proxy.source_of.push_back(index);
       proxy.mesh.positions.push_back(full.positions[index]);
       proxy.mesh.part.push_back(full.part[index]);
     }
-    index = place;
+    index = proxy_index;
   }
   proxy.mesh.indices = std::move(indices);
   proxy.mesh.part_count = full.part_count;
@@ -181,11 +181,11 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
                                   const ProxyUse& use, bool thorough) {
   PENUMBRA_ASSERT(kernels.kernels.size() == full.positions.size());
   const ShadowKernels carried = carried_kernels(proxy, kernels);
-  ComparedMesh whole{full, {}};
-  ComparedMesh reduced{proxy.mesh, {}};
+  ComparedMesh full_mesh{full, {}};
+  ComparedMesh reduced_mesh{proxy.mesh, {}};
   if (use.light_mode == LightMode::fixed) {
-    whole.discs = vertex_discs(full, kernels, parts, use.scale);
-    reduced.discs = vertex_discs(proxy.mesh, carried, parts, use.scale);
+    full_mesh.discs = vertex_discs(full, kernels, parts, use.scale);
+    reduced_mesh.discs = vertex_discs(proxy.mesh, carried, parts, use.scale);
   }
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
   double bottom = std::numeric_limits<double>::infinity();
@@ -196,17 +196,17 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
     top = std::max(top, h);
   }
   ProxyAgreement result;
-  // The greatest height first, where the umbra, the most sensitive layer, is smallest.
+  // Starts at the greatest height, where the umbra, the most sensitive layer, is smallest.
   for (std::size_t at = kProxyHeights.size(); at-- > 0;) {
     // The object's middle is at the height, unless the object would reach below the plane.
     const double lift =
         std::max(-bottom, kProxyHeights[at] * use.constants.umbra_height - 0.5 * (bottom + top));
     const Placement placed{lift * plane.n, Eigen::Quaterniond::Identity(), use.scale};
-    const auto whole_vertices = place_caster(full, kernels, placed, plane);
+    const auto full_vertices = place_caster(full, kernels, placed, plane);
     const auto reduced_vertices = place_caster(proxy.mesh, carried, placed, plane);
     for (std::size_t i = 0; i < kShadowLayers.size(); ++i) {
-      result.iou[at][i] = agreement(whole.layer(whole_vertices, use, kShadowLayers[i]),
-                                    reduced.layer(reduced_vertices, use, kShadowLayers[i]));
+      result.iou[at][i] = agreement(full_mesh.layer(full_vertices, use, kShadowLayers[i]),
+                                    reduced_mesh.layer(reduced_vertices, use, kShadowLayers[i]));
       if (!thorough && result.iou[at][i] < kMinProxyAgreement) return result;
     }
   }

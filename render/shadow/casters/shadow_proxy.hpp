@@ -22,11 +22,11 @@ struct ShadowProxy {
 
 // Meshes with this number of faces or fewer are not reduced.
 inline constexpr std::size_t kMinProxyFaces = 2000;
-inline constexpr double kMinProxyAgreement = 0.98;
-inline constexpr std::array kProxyHeights = {0.2, 0.6};  // height of the middle / h_u
+inline constexpr double kMinProxyAgreement = 0.98;       // minimum IoU of each layer
+inline constexpr std::array kProxyHeights = {0.2, 0.6};  // object's middle / umbra_height
 
 // Reduces a mesh to half of its faces, or to a quarter if it has over 20,000. Returns nullopt for
-// kMinProxyFaces or fewer, and if the borders prevent a reduction to three quarters.
+// kMinProxyFaces or fewer, and if the mesh's borders prevent a reduction to three quarters.
 [[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
 
 // Makes a proxy of the author's reduced model, in the same object frame.
@@ -41,7 +41,7 @@ struct ProxyAgreement {
   [[nodiscard]] bool kept() const { return least() >= kMinProxyAgreement; }
 };
 
-// The light, and the scale of the object.
+// The light and the object's scale for which compare_with_proxy() compares layers.
 struct ProxyUse {
   LayeredConstants constants;
   LightMode light_mode = LightMode::proportional;

@@ -58,25 +58,25 @@ void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t
 // the outline follows the border.
 void add_sides(const ShadowField& field, const std::array<FieldCorner, 4>& corners,
                const std::array<bool, 4>& at_border, std::vector<OutlineSide>& sides) {
-  std::array<std::optional<PlanePoint>, 4> left;     // per side: where the layer ends
-  std::array<std::optional<PlanePoint>, 4> entered;  // per side: where the layer begins
+  std::array<std::optional<PlanePoint>, 4> exits;    // per side: where the layer ends
+  std::array<std::optional<PlanePoint>, 4> entries;  // per side: where the layer begins
   for (std::size_t c = 0; c < 4; ++c) {
     const FieldCorner& from = corners[c];
     const FieldCorner& to = corners[(c + 1) % 4];
     const bool from_inside = from.value > 0.0F;
     const bool to_inside = to.value > 0.0F;
     if (from_inside != to_inside)
-      (from_inside ? left : entered)[c] = field_crossing(field, from, to);
+      (from_inside ? exits : entries)[c] = field_crossing(field, from, to);
     if (!at_border[c] || (!from_inside && !to_inside)) continue;
-    sides.push_back({from_inside ? field_point(field, from.column, from.row) : entered[c].value(),
-                     to_inside ? field_point(field, to.column, to.row) : left[c].value()});
+    sides.push_back({from_inside ? field_point(field, from.column, from.row) : entries[c].value(),
+                     to_inside ? field_point(field, to.column, to.row) : exits[c].value()});
   }
-  // Connects each leaving point to the next point at which a side enters the layer.
+  // Connects each exit to the next entry.
   for (std::size_t c = 0; c < 4; ++c) {
-    if (!left[c]) continue;
-    std::size_t back = (c + 1) % 4;
-    while (!entered[back]) back = (back + 1) % 4;
-    sides.push_back({*left[c], *entered[back]});
+    if (!exits[c]) continue;
+    std::size_t entry = (c + 1) % 4;
+    while (!entries[entry]) entry = (entry + 1) % 4;
+    sides.push_back({*exits[c], *entries[entry]});
   }
 }
 

@@ -16,12 +16,12 @@ struct DiscVertex {
   bool at_end = false;  // on the clip line where the umbra has shrunk to its kernel
 };
 
-// Returns R_L / H. The factor's numerator grows by lambda * (R_L / H) / R per height.
+// Returns R_L / H: the numerator of s_lambda(h), divided by H, is 1 + lambda (R_L / H) h / R.
 double light_slope(const DiscVertex& vertex, const LayeredConstants& constants) {
   return vertex.part_radius / constants.umbra_height;
 }
 
-// Returns (H R - R_L h) / H, which is positive in the umbra.
+// Returns (H R - R_L h) / H, which is positive at heights where the vertex has an umbra.
 double umbra_left(const DiscVertex& vertex, const LayeredConstants& constants) {
   return vertex.radius - light_slope(vertex, constants) * vertex.h;
 }
@@ -43,8 +43,8 @@ Eigen::Vector2d disc_image(const DiscVertex& vertex, const LayeredConstants& con
   const double growth = std::isinf(constants.light_height)
                             ? 1.0
                             : constants.light_height / (constants.light_height - vertex.h);
-  const double own = light_slope(vertex, constants) * vertex.h / vertex.radius;
-  return vertex.k + growth * (1.0 + lambda_of(layer) * own) * (vertex.x - vertex.k);
+  const double disc_growth = light_slope(vertex, constants) * vertex.h / vertex.radius;
+  return vertex.k + growth * (1.0 + lambda_of(layer) * disc_growth) * (vertex.x - vertex.k);
 }
 
 struct DiscFace {

@@ -1,8 +1,8 @@
-// Layered penumbrae of LightMode::fixed (docs/shadows.md#lights-of-one-size):
-//
+// Layered penumbrae of LightMode::fixed (docs/shadows.md#lights-of-one-size). In layer lambda, a
+// vertex at the height h is scaled about its kernel by
 //   s_lambda(h) = (H + lambda (R_L / R) h) / (H - h)
-//
-// R: radius of the disc at the kernel. R_L = a * (median disc radius of the vertex's part).
+// H: light height. R: radius of the disc at the kernel. R_L = a * (median disc radius of the
+// vertex's part).
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ struct VertexDisc {
   float part_radius = 0.0F;  // of the vertex's part
 };
 
-// Returns one per vertex, scaled to the world. `kernels` must have radii.
+// Returns the radii of each vertex, scaled to the world. `kernels` must have radii.
 [[nodiscard]] std::vector<VertexDisc> vertex_discs(const ShadowMesh& mesh,
                                                    const ShadowKernels& kernels,
                                                    std::span<const PartDisc> parts, double scale);

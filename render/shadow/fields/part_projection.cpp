@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMaxSides = 4000;
+constexpr std::size_t kMaxSides = 4000;  // larger cross-sections are skipped
 
 struct SectionSide {
   double u0, v0, u1, v1;  // v0 < v1
@@ -48,8 +48,8 @@ std::vector<SectionSide> section_sides(std::span<const CasterVertex> vertices,
   return sides;
 }
 
-// Returns triangles at height 0, three vertices each, that fill the cross-section with the plane of
-// a body that extends below it. The section is in shadow, but no face of the body projects onto it.
+// Returns triangles at height 0, three vertices each, that fill the plane's cross-section through a
+// body that extends below it. The section is in shadow, but no face projects onto it.
 std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
                                      std::span<const std::uint32_t> faces) {
   std::vector<CasterVertex> section;
@@ -90,7 +90,7 @@ std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
   return section;
 }
 
-// Returns true if clipping leaves a vertex unchanged. Vertices on a limit are clipped too.
+// Returns true if a vertex needs no clipping. Vertices at range.high are clipped too.
 bool is_within(const CasterVertex& vertex, const HeightRange& range) {
   return std::isfinite(vertex.u) && std::isfinite(vertex.v) && std::isfinite(vertex.ku) &&
          std::isfinite(vertex.kv) && static_cast<double>(vertex.h) >= range.low &&
@@ -123,7 +123,7 @@ class LightProjection {
  private:
   double light_height_;
   Eigen::Vector2d centre_;
-  double radius_;  // zenith: r_part / h_u [1 per metre of height]; else a r_part [per t]
+  double radius_;  // zenith: r_part / h_u, factor on h; else a r_part, factor on t = h / (H - h)
 };
 
 }  // namespace
@@ -133,15 +133,15 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
                              std::span<const std::uint32_t> part, std::span<const PartLight> lights,
                              const LayeredConstants& constants) {
   const HeightRange range = layer_height_range(constants, ShadowLayer::middle);
-  const std::size_t known = std::min(vertices.size(), part.size());
+  const std::size_t vertex_count = std::min(vertices.size(), part.size());
   IndexGroups faces;  // the last group: faces without a light
   faces.sort(indices.size() / 3, lights.size() + 1, [&](std::size_t face) {
     const auto corners = indices.subspan(3 * face, 3);
-    if (std::ranges::max(corners) >= known) return lights.size();
+    if (std::ranges::max(corners) >= vertex_count) return lights.size();
     return std::min<std::size_t>(part[corners[0]], lights.size());
   });
   ProjectedParts result;
-  // For each vertex: its point in the part it was last used in, as a vertex may belong to several.
+  // Last part that used a vertex, and the vertex's point there: a vertex may be in several parts.
   std::vector<std::size_t> part_of(vertices.size(), lights.size());
   std::vector<std::uint32_t> point_of(vertices.size());
   std::vector<std::uint32_t> straddling;  // faces that cross a limit
@@ -163,9 +163,9 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
     straddling.clear();
     for (const std::uint32_t index : faces[p]) {
       const auto face = indices.subspan(std::size_t{3} * index, 3);
-      const bool whole = std::ranges::all_of(
+      const bool inside = std::ranges::all_of(
           face, [&](std::uint32_t vertex) { return is_within(vertices[vertex], range); });
-      if (!whole) {
+      if (!inside) {
         straddling.insert(straddling.end(), face.begin(), face.end());
         continue;
       }

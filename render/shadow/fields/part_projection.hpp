@@ -23,11 +23,11 @@ struct FieldPoint {
 
 struct ProjectedPart {
   std::size_t begin = 0, end = 0;     // into ProjectedParts::corners
-  Eigen::AlignedBox2f corner_bounds;  // bounds of its projected corners
-  Eigen::AlignedBox2f reach;          // bounds of the discs around these corners
-  // rho at kLevels (< 0: no such level) and at the top of the part.
+  Eigen::AlignedBox2f corner_bounds;  // bounds of the projected corners
+  Eigen::AlignedBox2f reach;          // bounds of the discs around the corners
+  // rho at the two clip levels (< 0: no such level).
   std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
-  float top = 0.0F;
+  float top = 0.0F;  // rho at the top of the part
 };
 
 // The faces of all parts, clipped and projected [m].

@@ -15,7 +15,7 @@ namespace penumbra {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kAllMatter = std::numeric_limits<float>::max();  // level: whole part
+constexpr float kAllMatter = std::numeric_limits<float>::max();  // level: clips nothing
 // A cell represents a square, so its disc is half a cell larger.
 constexpr float kHalfCell = 0.5F;
 // A rectangle of cells of the field.
@@ -27,16 +27,16 @@ struct Window {
 // neighbours is not; for x in [1, width - 1).
 PENUMBRA_VECTOR_CLONES
 void flag_outline(const float* above, const float* here, const float* below, std::size_t width,
-                  float level, float* __restrict column_least, std::uint8_t* __restrict flags) {
+                  float level, float* __restrict column_min, std::uint8_t* __restrict flags) {
   for (std::size_t x = 0; x < width; ++x) {
-    const float least = above[x] < below[x] ? above[x] : below[x];
-    column_least[x] = least < here[x] ? least : here[x];
+    const float minimum = above[x] < below[x] ? above[x] : below[x];
+    column_min[x] = minimum < here[x] ? minimum : here[x];
   }
   for (std::size_t x = 1; x + 1 < width; ++x) {
     const float beside =
-        column_least[x - 1] < column_least[x + 1] ? column_least[x - 1] : column_least[x + 1];
-    const float least = beside < column_least[x] ? beside : column_least[x];
-    const bool outline = (least <= level) & (here[x] > level);
+        column_min[x - 1] < column_min[x + 1] ? column_min[x - 1] : column_min[x + 1];
+    const float minimum = beside < column_min[x] ? beside : column_min[x];
+    const bool outline = (minimum <= level) & (here[x] > level);
     flags[x] = outline ? 1 : 0;
   }
 }
@@ -49,12 +49,12 @@ void flag_reaching(const float* above, const float* here, const float* below, st
   for (std::size_t x = 1; x + 1 < width; ++x) {
     const float upright = above[x] < below[x] ? above[x] : below[x];
     const float level = here[x - 1] < here[x + 1] ? here[x - 1] : here[x + 1];
-    const float least = upright < level ? upright : level;
-    const float own = here[x] + kHalfCell;
-    const float least_beside = least + kHalfCell;
-    const bool reaches =
-        (least < 0.0F) | (own * own - least_beside * least_beside > 1.4142F * (own - 1.5F) - 1.0F);
-    flags[x] = ((here[x] >= 0.0F) & reaches) ? 1 : 0;
+    const float min_neighbour = upright < level ? upright : level;
+    const float radius = here[x] + kHalfCell;
+    const float beside = min_neighbour + kHalfCell;
+    const bool protrudes = (min_neighbour < 0.0F) |
+                           (radius * radius - beside * beside > 1.4142F * (radius - 1.5F) - 1.0F);
+    flags[x] = ((here[x] >= 0.0F) & protrudes) ? 1 : 0;
   }
 }
 
@@ -64,21 +64,21 @@ void merge_penumbra(const float* __restrict distance, float* __restrict to, std:
 }
 
 PENUMBRA_VECTOR_CLONES
-void merge_own_discs(const float* __restrict greatest, float* __restrict to, std::size_t count) {
+void merge_own_discs(const float* __restrict max_rho, float* __restrict to, std::size_t count) {
   for (std::size_t x = 0; x < count; ++x) {
-    const float radius = greatest[x] + kHalfCell;
-    const float own = greatest[x] >= 0.0F ? radius * radius : to[x];
-    to[x] = to[x] > own ? to[x] : own;
+    const float radius = max_rho[x] + kHalfCell;
+    const float power = max_rho[x] >= 0.0F ? radius * radius : to[x];
+    to[x] = to[x] > power ? to[x] : power;
   }
 }
 
-// Merges the distance into cells covered up to the level, and its negative magnitude into others.
+// Merges the distance into cells covered up to the level, its negative magnitude into other cells.
 PENUMBRA_VECTOR_CLONES
-void merge_umbra(const float* __restrict distance, const float* __restrict least, float level,
+void merge_umbra(const float* __restrict distance, const float* __restrict min_rho, float level,
                  float* __restrict to, std::size_t count) {
   for (std::size_t x = 0; x < count; ++x) {
     const float outside = distance[x] < 0.0F ? distance[x] : -distance[x];
-    const float value = least[x] <= level ? distance[x] : outside;
+    const float value = min_rho[x] <= level ? distance[x] : outside;
     to[x] = to[x] > value ? to[x] : value;
   }
 }
@@ -120,10 +120,10 @@ bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& windo
   const float slope_bc = slope(b, c);
   for (int line = first_line; line < end_line; ++line) {
     const float y = static_cast<float>(line) + 0.5F + bottom;
-    const float across = a.x + (y - a.y) * slope_ac;
-    const float other = y < b.y ? a.x + (y - a.y) * slope_ab : b.x + (y - b.y) * slope_bc;
-    const float from = std::min(across, other) - left;
-    const float to = std::max(across, other) - left;
+    const float x_on_ac = a.x + (y - a.y) * slope_ac;
+    const float x_on_abc = y < b.y ? a.x + (y - a.y) * slope_ab : b.x + (y - b.y) * slope_bc;
+    const float from = std::min(x_on_ac, x_on_abc) - left;
+    const float to = std::max(x_on_ac, x_on_abc) - left;
     use(FieldSpan{line, std::max(1, static_cast<int>(from + 0.5F)),
                   std::min(window.width - 1, static_cast<int>(to + 0.5F)), from, to});
   }
@@ -133,7 +133,7 @@ bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& windo
 // Rasterises one part. One object serves many parts and reuses its memory.
 class PartField {
  public:
-  // Covers the faces. Points: [cells of the field]; the window has a margin of two cells.
+  // Covers cells with the faces. `points`: [field cells]; the window has a margin of two cells.
   void cover(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners,
              const Window& window) {
     window_ = window;
@@ -149,11 +149,11 @@ class PartField {
       cover_triangle(points[corners[i]], points[corners[i + 1]], points[corners[i + 2]], gaps_);
   }
 
-  // `reach`: bounds of the discs [cells].
-  void add_penumbra(const Window& reach, ShadowField& field) {
-    transform_.start(reach.width, reach.height);
-    const int left = window_.left - reach.left;
-    const int bottom = window_.bottom - reach.bottom;
+  // `disc_window`: bounds of all discs [cells].
+  void add_penumbra(const Window& disc_window, ShadowField& field) {
+    transform_.start(disc_window.width, disc_window.height);
+    const int left = window_.left - disc_window.left;
+    const int bottom = window_.bottom - disc_window.bottom;
     for (int row = 1; row + 1 < window_.height; ++row) {
       const float* here = greatest_.data() + index_of(0, row);
       flag_reaching(here + window_.width, here, here - window_.width,
@@ -163,9 +163,9 @@ class PartField {
       });
     }
     transform_.run();
-    for (int row = 0; row < reach.height; ++row) {
-      merge_penumbra(transform_.row(row), row_of(field, field.penumbra, reach, row),
-                     static_cast<std::size_t>(reach.width));
+    for (int row = 0; row < disc_window.height; ++row) {
+      merge_penumbra(transform_.row(row), row_of(field, field.penumbra, disc_window, row),
+                     static_cast<std::size_t>(disc_window.width));
     }
     for (int row = 0; row < window_.height; ++row) {
       merge_own_discs(greatest_.data() + index_of(0, row),
@@ -174,22 +174,22 @@ class PartField {
     }
   }
 
-  // Near the outline, values approximate signed distances. Requires find_outline(kAllMatter).
+  // Near the outline, values approximate signed distances. Requires the unclipped outline.
   void add_middle(ShadowField& field) {
     const auto stride = static_cast<std::size_t>(window_.width);
     middle_.resize(least_.size());
     for (std::size_t i = 0; i < middle_.size(); ++i) middle_[i] = covered(i) ? 1.0F : -1.0F;
     for (const std::uint32_t i : outline_) {
-      const auto along = [&](std::size_t beside, float distance) {
-        if (!covered(beside) || distance == kInfinity) return;
+      const auto set_zero = [&](std::size_t neighbour, float distance) {
+        if (!covered(neighbour) || distance == kInfinity) return;
         // The interpolated zero between the two centres lies on the outline.
         middle_[i] = std::max(middle_[i], -distance);
-        middle_[beside] = std::min(middle_[beside], 1.0F - distance);
+        middle_[neighbour] = std::min(middle_[neighbour], 1.0F - distance);
       };
-      along(i - 1, gaps_.x[i]);
-      along(i + 1, gaps_.x[i]);
-      along(i - stride, gaps_.y[i]);
-      along(i + stride, gaps_.y[i]);
+      set_zero(i - 1, gaps_.x[i]);
+      set_zero(i + 1, gaps_.x[i]);
+      set_zero(i - stride, gaps_.y[i]);
+      set_zero(i + stride, gaps_.y[i]);
     }
     for (int row = 0; row < window_.height; ++row) {
       merge_larger(middle_.data() + index_of(0, row), row_of(field, field.middle, window_, row),
@@ -212,8 +212,8 @@ class PartField {
     }
   }
 
-  // Measures the distance of the part below the outline's level from the cell centres next to it,
-  // in cells that higher faces cover. `points` and `corners` are those of cover().
+  // Measures, for outline cells that higher faces cover, the distance from the cell centre to the
+  // part below the outline's level. `points` and `corners` are those of cover().
   void find_cut_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
     cut_gaps_.start(least_.size());
     if (!mark_tiles()) return;
@@ -303,7 +303,7 @@ class PartField {
     return least_[near] + rise * std::min(kHalfCell, (high_near - least_[near]) / (rise + fall));
   }
 
-  // rho = at_row + slope_x * column, clamped to [low, high].
+  // Covers a span with rho = at_row + slope_x * column, clamped to [low, high].
   void cover_span(const FieldSpan& span, float at_row, float slope_x, float low, float high) {
     for (int column = span.first; column < span.end; ++column) {
       const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
@@ -336,7 +336,7 @@ class PartField {
                  gaps.x[index_of(span.end, span.line)]);
     });
     if (!covers_rows) return;
-    // The same along columns; only the ends of the spans are used.
+    // Lowers the gaps along columns, for which only the ends of the spans matter.
     const auto transposed = [](const FieldPoint& p) { return FieldPoint{p.y, p.x, p.rho}; };
     for_each_span(transposed(a), transposed(b), transposed(c),
                   {window_.bottom, window_.left, window_.height, window_.width},
@@ -392,8 +392,8 @@ class PartField {
       const float sum = x * x + y * y;
       return sum > 0.0F ? x * y / std::sqrt(sum) : 0.0F;
     }
-    const float one = std::min(x, y);
-    return one < kInfinity ? one : kHalfCell;
+    const float smaller = std::min(x, y);
+    return smaller < kInfinity ? smaller : kHalfCell;
   }
 
   static FieldPoint at_level(const FieldPoint& low, const FieldPoint& high, float level) {
@@ -406,7 +406,7 @@ class PartField {
   Gaps gaps_, cut_gaps_;
   float level_ = kAllMatter;            // of the outline
   std::vector<std::uint32_t> outline_;  // indices of cells
-  static constexpr int kTile = 8;       // [cells]
+  static constexpr int kTile = 8;       // side of a tile [cells]
   int tile_columns_ = 0;
   std::vector<std::uint8_t> tiles_;
   std::vector<float> middle_, column_least_;
@@ -471,15 +471,15 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     part_field.add_umbra(field);
     part_field.add_penumbra(window_of(projected_part.reach), field);
     part_field.add_middle(field);
-    float last = projected_part.top / cell;
+    float previous_rho = projected_part.top / cell;
     for (const float level : projected_part.levels) {
       const float rho = level / cell;
       constexpr float kFlat = 0.1F;  // parts with a smaller range of rho have one outline [cells]
-      if (level < 0.0F || last - rho < kFlat) continue;
+      if (level < 0.0F || previous_rho - rho < kFlat) continue;
       part_field.find_outline(rho);
       part_field.find_cut_gaps(projected.points, faces);
       part_field.add_umbra(field);
-      last = rho;
+      previous_rho = rho;
     }
   }
   return field;

@@ -12,7 +12,7 @@
 
 namespace penumbra {
 
-// The light of one part: a disc of radius a * radius at height H above the centre.
+// The light of one part: a disc of radius light_ratio * radius, light_height above the plane.
 struct PartLight {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  // plane coordinates [m]
   double radius = 0.0;                               // the part's median local thickness [m]
@@ -37,8 +37,8 @@ struct ShadowFieldOptions {
   double finest_cell = 0.0;  // minimum cell size [m]
 };
 
-// `part`: part index of each vertex; `lights`: one per part. Ignores the vertices' kernels and
-// non-finite faces. An empty caster gives an empty field.
+// Computes a caster's field. `part`: part index of each vertex; `lights`: one per part. Ignores the
+// vertices' kernels and non-finite faces. An empty caster gives an empty field.
 [[nodiscard]] ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
                                                 std::span<const std::uint32_t> indices,
                                                 std::span<const std::uint32_t> part,
@@ -49,7 +49,7 @@ struct ShadowFieldOptions {
 // Returns triangles that cover a layer, three points each.
 [[nodiscard]] std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer);
 // A directed segment of a layer's outline, with the layer to its left. The segments, in any order,
-// form closed lines: consecutive ones have exactly equal end points.
+// form closed lines: consecutive segments have exactly equal end points.
 struct OutlineSide {
   PlanePoint from, to;
 };

@@ -56,7 +56,7 @@ void take_strip(const float* __restrict values, std::size_t stride, std::size_t 
   }
 }
 
-// Copies the strip back; values beyond the bound become kFar.
+// Copies the strip back; values greater than the bound become kFar.
 PENUMBRA_VECTOR_CLONES
 void put_strip(const float* __restrict strip, std::size_t stride, std::size_t height, float bound,
                float* __restrict values) {
@@ -86,24 +86,24 @@ void PowerTransform::run() {
   // A cell next to a disc's outline is within sqrt(2) of it: (r + sqrt(2))^2 - r^2 = 2.83 r + 2.
   bound_ = 3.0F * largest + 3.0F;
   // A disc larger than the raster covers all of it.
-  const auto reach_of = [this](float radius) {
+  const auto extent_of = [this](float radius) {
     return static_cast<int>(std::min(std::sqrt(radius * radius + bound_),
                                      static_cast<float>(std::max(width_, height_)))) +
            1;
   };
-  const int reach = reach_of(largest);
-  if (reach > squares_reach_) {
-    squares_reach_ = reach;
-    squares_.resize(2 * static_cast<std::size_t>(reach) + 1 + kBlock);
+  const int max_extent = extent_of(largest);
+  if (max_extent > squares_reach_) {
+    squares_reach_ = max_extent;
+    squares_.resize(2 * static_cast<std::size_t>(max_extent) + 1 + kBlock);
     for (std::size_t i = 0; i < squares_.size(); ++i) {
-      const float d = static_cast<float>(i) - static_cast<float>(reach);
+      const float d = static_cast<float>(i) - static_cast<float>(max_extent);
       squares_[i] = d * d;
     }
   }
   for (const Site& site : sites_) {
-    const int own_reach = reach_of(site.radius);
-    const int first = std::max(0, site.column - own_reach);
-    const int end = std::min(width_, site.column + own_reach + 1);
+    const int extent = extent_of(site.radius);
+    const int first = std::max(0, site.column - extent);
+    const int end = std::min(width_, site.column + extent + 1);
     lower(values_.data() + static_cast<std::size_t>(site.row) * stride_ +
               static_cast<std::size_t>(first),
           squares_.data() + (first - site.column + squares_reach_),
@@ -119,7 +119,7 @@ void PowerTransform::run() {
     std::fill_n(strip + kStrip + count, kStrip, kUnreached);
   }
   float* strip = strips_.data() + kStrip;
-  const int steps = std::min(reach, height_ - 1);
+  const int steps = std::min(max_extent, height_ - 1);
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
     take_strip(values_.data() + left, stride_, height, strip);
     const float* spread = spread_columns(strip, strip + strip_size, count, steps);

@@ -10,7 +10,7 @@ namespace penumbra {
 // Reuses its memory for the next raster.
 class PowerTransform {
  public:
-  // Width and height of the raster [cells].
+  // Begins a raster of this width and height [cells].
   void start(int width, int height);
   // Adds a disc at the centre of a cell; radius >= 0 [cells].
   void add(int column, int row, float radius) { sites_.push_back({column, row, radius}); }
