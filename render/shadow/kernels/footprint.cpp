@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kMaxSideCells = 512;
 constexpr std::size_t kWordCells = 64;
-constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
-// Cells with centres this close to a face are covered: rounding opens no crack between faces.
+constexpr std::size_t kRowBlock = 8;  // a row's stride is a multiple of this [cells]
+// Cells with centres this close to a face are covered, so that rounding opens no cracks.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
 // Fractions of a silhouette's size.
 constexpr float kFlatCorner = 1e-6F;  // larger than the deviation of an edge by rounding
@@ -24,7 +24,7 @@ constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
 // Cosine and sine of 0.37 rad: no edge or corner of a regular shape is at this angle to another.
 constexpr float kAskewCosine = 0.93232F;
 constexpr float kAskewSine = 0.36162F;
-constexpr float kEqual = 1.001F;  // areas and sides that differ by less are equal
+constexpr float kEqual = 1.001F;  // areas or sides with a smaller ratio count as equal
 
 float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -32,8 +32,8 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
 
 // Computes squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, from small to large |x
 // - x'| until no value can decrease. Rows begin and end with a 0, which keeps neighbouring rows
-// from contributing; there is a row before the first and after the last. Exact, as all values are
-// small integers. Their bit patterns compare like the values.
+// from contributing; a margin row precedes the first row and follows the last. Exact, as all values
+// are small integers. Their bit patterns compare like the values.
 PENUMBRA_VECTOR_CLONES
 void transform_rows(const float* __restrict g2, float* __restrict squared, std::size_t rows,
                     std::size_t stride, std::size_t width) {
@@ -113,7 +113,7 @@ void spread_bits(const std::uint64_t* words, std::size_t blocks, float* cells) {
   }
 }
 
-// Returns the number of runs of covered cells in a row. The cell before it is not covered.
+// Returns the number of runs of covered cells in a row. The cell before the row is not covered.
 PENUMBRA_VECTOR_CLONES
 std::int32_t runs_of(const float* row, std::size_t width) {
   std::int32_t runs = 0;
@@ -208,9 +208,9 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
   candidates.clear();
   for (const Eigen::Vector2f& p : points) {
     const std::size_t column = column_of(p);
-    const float along = (p.x() - left) * scale - static_cast<float>(column);
-    const float bottom = low[column] + along * (low[column + 1] - low[column]) + rounding;
-    const float top = high[column] + along * (high[column + 1] - high[column]) - rounding;
+    const float fraction = (p.x() - left) * scale - static_cast<float>(column);
+    const float bottom = low[column] + fraction * (low[column + 1] - low[column]) + rounding;
+    const float top = high[column] + fraction * (high[column + 1] - high[column]) - rounding;
     if (p.y() > bottom && p.y() < top) continue;  // also false for the NaN of a vertical chord
     candidates.push_back(p);
   }
@@ -224,7 +224,7 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
 void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float size) {
   axis_ = Eigen::Vector2f::UnitX();
   rectangles_.clear();
-  float least_area = std::numeric_limits<float>::infinity();
+  float min_area = std::numeric_limits<float>::infinity();
   Eigen::Vector2f middle = Eigen::Vector2f::Zero();
   for (std::size_t i = 0; i < hull_.size(); ++i) {
     middle += hull_[i] / static_cast<float>(hull_.size());
@@ -242,7 +242,7 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
       rectangle.height = std::max(rectangle.height, cross(rectangle.along, d));
     }
     rectangle.width = last - first;
-    least_area = std::min(least_area, rectangle.width * rectangle.height);
+    min_area = std::min(min_area, rectangle.width * rectangle.height);
     rectangles_.push_back(rectangle);
   }
   if (rectangles_.empty()) return;
@@ -256,13 +256,13 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
                  kAskewSine * d.x() + kAskewCosine * d.y()};
     break;
   }
-  float nearest = -std::numeric_limits<float>::infinity();
+  float best_alignment = -std::numeric_limits<float>::infinity();
   for (const Rectangle& rectangle : rectangles_) {
-    if (rectangle.width * rectangle.height > kEqual * least_area) continue;
+    if (rectangle.width * rectangle.height > kEqual * min_area) continue;
     const auto consider = [&](const Eigen::Vector2f& axis) {
-      const float near = axis.dot(reference);
-      if (near <= nearest) return;
-      nearest = near;
+      const float alignment = axis.dot(reference);
+      if (alignment <= best_alignment) return;
+      best_alignment = alignment;
       axis_ = axis;
     };
     // Rows lie along the longer side, because short columns make the distance transform cheap.
@@ -367,12 +367,12 @@ void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen
   const float slope_bc = slope(b, c);
   for (int row = first_row; row < end_row; ++row) {
     const float y = std::clamp(static_cast<float>(row) + 0.5F, a.y(), c.y());
-    // If an edge is horizontal, both its ends are at this height.
-    const float across = a.x() + (y - a.y()) * slope_ac;
-    const float other = y < b.y() ? a.x() + (y - a.y()) * slope_ab : b.x() + (y - b.y()) * slope_bc;
-    float left = std::min(across, other);
-    float right = std::max(across, other);
-    if (a.y() == c.y()) {
+    const float x_on_ac = a.x() + (y - a.y()) * slope_ac;
+    const float x_on_abc =
+        y < b.y() ? a.x() + (y - a.y()) * slope_ab : b.x() + (y - b.y()) * slope_bc;
+    float left = std::min(x_on_ac, x_on_abc);
+    float right = std::max(x_on_ac, x_on_abc);
+    if (a.y() == c.y()) {  // a triangle without height has all corners in this row
       left = std::min(left, c.x());
       right = std::max(right, c.x());
     }
@@ -473,7 +473,7 @@ void FootprintRaster::fill_small_holes(double share) {
 
 void FootprintRaster::bridge_gaps(int max_gap) {
   const auto bridge = [max_gap](float* cells, std::size_t step, int count) {
-    int last = -1;  // previous covered column
+    int last = -1;  // previous covered cell
     for (int i = 0; i < count; ++i) {
       if (cells[static_cast<std::size_t>(i) * step] == 0.0F) continue;
       if (last >= 0 && i - last - 1 <= max_gap) {

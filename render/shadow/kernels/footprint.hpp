@@ -9,13 +9,13 @@
 namespace penumbra {
 
 // Square cells in the minimum-area rectangle around the points, so the raster rotates with the
-// points. Equal rectangles are chosen between by the order of the points. Cell (column, row) has
+// points. The order of the points decides between equal rectangles. Cell (column, row) has
 // its centre at (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. A
 // margin of one empty cell surrounds the silhouette. One object serves many silhouettes and reuses
 // its memory.
 class FootprintRaster {
  public:
-  // Fits a rectangle of about `cell_budget` cells and covers those whose centres lie in a face.
+  // Fits a rectangle of about `cell_budget` cells and covers the cells whose centres lie in a face.
   // `points` are finite [m], `faces` three indices each. Returns false if the points have no
   // extent.
   bool cover(std::span<const Eigen::Vector2f> points, std::span<const std::uint32_t> faces,
@@ -35,12 +35,12 @@ class FootprintRaster {
   [[nodiscard]] int height() const { return height_; }  // [cells]
   [[nodiscard]] float cell() const { return cell_; }    // [m]
   [[nodiscard]] std::size_t covered_count() const;
-  // 1 where a cell is covered, else 0.
+  // Returns the cells of a row: 1 if covered, else 0.
   [[nodiscard]] const float* covered_row(int row) const {
     return covered_.data() + row_offset(row);
   }
   [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
-  // Cells from one row to the next, a multiple of 8. Cells from column width() on are not covered.
+  // Number of cells per row, a multiple of 8. Cells from column width() on are not covered.
   [[nodiscard]] std::size_t stride() const { return stride_; }
 
   [[nodiscard]] Eigen::Vector2f to_cells(const Eigen::Vector2f& p) const {
@@ -80,7 +80,7 @@ class FootprintRaster {
     int row, first, last;
     std::uint32_t parent;
     std::uint32_t size;
-    bool open;  // reaches the margin
+    bool open;  // touches the raster's border
   };
   std::vector<std::uint64_t> bits_;  // one bit per cell, used by cover(); row_words_ per row
   std::size_t row_words_ = 0;

@@ -163,19 +163,19 @@ Result<std::vector<std::uint8_t>> GlbDocument::finish() {
   }
   std::vector<std::uint8_t> file;
   file.reserve(length);
-  const auto word = [&file](std::size_t value) {
+  const auto append_word = [&file](std::size_t value) {
     for (unsigned shift = 0; shift < 32; shift += 8) {
       file.push_back(static_cast<std::uint8_t>(value >> shift));
     }
   };
-  word(kMagic);
-  word(2);
-  word(length);
-  word(text.size());
-  word(kJsonChunk);
+  append_word(kMagic);
+  append_word(2);
+  append_word(length);
+  append_word(text.size());
+  append_word(kJsonChunk);
   file.insert(file.end(), text.begin(), text.end());
-  word(binary_.size());
-  word(kBinaryChunk);
+  append_word(binary_.size());
+  append_word(kBinaryChunk);
   file.insert(file.end(), binary_.begin(), binary_.end());
   return file;
 }

@@ -11,8 +11,8 @@ namespace penumbra {
 // and -d share a cell.
 struct KernelDirection {
   int axis = 2;  // index of the largest component
-  int a = 0;     // a, b: angles towards the next two axes [steps]
-  int b = 0;
+  int a = 0;     // angle towards axis + 1 (modulo 3) [steps]
+  int b = 0;     // angle towards axis + 2 (modulo 3) [steps]
 
   // Half the diagonal of a cell is up to 1.77 degrees.
   static constexpr double kStepRad = 2.5 * 3.14159265358979323846 / 180.0;
@@ -20,9 +20,9 @@ struct KernelDirection {
   [[nodiscard]] static KernelDirection nearest(const Eigen::Vector3d& up) {
     KernelDirection cell;
     up.cwiseAbs().maxCoeff(&cell.axis);
-    const double along = up[cell.axis];
-    cell.a = static_cast<int>(std::lround(std::atan(up[(cell.axis + 1) % 3] / along) / kStepRad));
-    cell.b = static_cast<int>(std::lround(std::atan(up[(cell.axis + 2) % 3] / along) / kStepRad));
+    const double largest = up[cell.axis];
+    cell.a = static_cast<int>(std::lround(std::atan(up[(cell.axis + 1) % 3] / largest) / kStepRad));
+    cell.b = static_cast<int>(std::lround(std::atan(up[(cell.axis + 2) % 3] / largest) / kStepRad));
     return cell;
   }
   [[nodiscard]] Eigen::Vector3d up() const {

@@ -155,13 +155,13 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     model.shadow_kernel_groups = kernels.groups;
     return false;
   }
-  const Eigen::Vector3d by = kernels.origin - model.origin;
+  const Eigen::Vector3d shift = kernels.origin - model.origin;
   for (Mesh& mesh : model.meshes) {
     mesh.shadow_kernels.resize(mesh.positions.size());
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
       const glm::vec3& kernel = kernels.kernels[mesh.source_vertex[i]];
-      const Eigen::Vector3d moved = to_eigen(kernel) + by;
-      mesh.shadow_kernels[i] = by.isZero(0.0) ? kernel : glm::vec3(moved.x(), moved.y(), moved.z());
+      const Eigen::Vector3d m = to_eigen(kernel) + shift;
+      mesh.shadow_kernels[i] = shift.isZero(0.0) ? kernel : glm::vec3(m.x(), m.y(), m.z());
     }
   }
   model.shadow_kernel_up = glm::vec3(kernels.up.x(), kernels.up.y(), kernels.up.z());
@@ -200,9 +200,9 @@ Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
   for (const std::shared_ptr<const Model>& model : casters) {
     const auto changed = std::make_shared<Model>(*model);
     changed->warnings.clear();
-    PENUMBRA_TRY(const bool taken, attach_kernels(*changed, kernels, file));
+    PENUMBRA_TRY(const bool attached, attach_kernels(*changed, kernels, file));
     scene.warnings.insert(scene.warnings.end(), changed->warnings.begin(), changed->warnings.end());
-    if (!taken) continue;
+    if (!attached) continue;
     for (SceneObject& object : scene.objects) {
       if (object.model != model) continue;
       object.model = changed;
@@ -248,12 +248,12 @@ KernelSource stored_kernel_source(const Model& model) {
 }
 
 bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
-  // Kernels are valid up to this angle from their own direction.
+  // Kernels are valid up to this angle from the direction they were made for.
   constexpr double kKernelTiltRad = 2.0 * std::numbers::pi / 180.0;
   if (mesh.stored_kernels.empty()) return false;
-  const Eigen::Vector3d own = to_eigen(mesh.stored_up);
+  const Eigen::Vector3d stored_up = to_eigen(mesh.stored_up);
   // The sine resolves small angles, which the cosine does not.
-  return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
+  return stored_up.cross(up).norm() <= std::sin(kKernelTiltRad) * stored_up.norm() * up.norm();
 }
 
 bool add_missing_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {

@@ -5,8 +5,8 @@
 //
 // "kernels": one triple per vertex, in the order of the model file; object frame [m]; made for the
 // direction "up". If nodes or instances of a glTF file share a mesh, the triples for its first use
-// are at the mesh's place in the file's order; those for further uses are at the end, in the order
-// of the scene. Optional: "geometry", a stamp (KernelStamp); "vertex_order", a hash of the
+// are at the mesh's position in the file's order; the triples for further uses follow at the end,
+// in the scene's order. Optional: "geometry", a stamp (KernelStamp); "vertex_order", a hash of the
 // vertices' order; "groups", parts that share one light.
 #pragma once
 
@@ -41,9 +41,9 @@ struct KernelFile {
 [[nodiscard]] Result<bool> attach_kernels(Model& model, const KernelFile& kernels,
                                           const std::string& file);
 
-// Attaches the kernels to every caster with the same number of vertices; if some of them match the
-// file's geometry and vertex order, only to these. Adds a warning to the scene if kernels do not
-// fit a model or an object's groups. Fails if no caster has that number of vertices.
+// Attaches the kernels to every caster with the same number of vertices; if casters among them
+// match the file's geometry and vertex order, only to these. Adds a warning to the scene if kernels
+// do not fit a model or an object's groups. Fails if no caster has that number of vertices.
 [[nodiscard]] Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
                                                    const std::string& file);
 

@@ -21,7 +21,7 @@ namespace {
 
 using Json = GlbDocument::Json;
 
-// References to each accessor and view. Data used by old kernels alone may be overwritten.
+// Reference counts of accessors and buffer views. Data of old kernels alone may be overwritten.
 struct Readers {
   std::map<std::size_t, int> of_accessor, of_view;
 };
@@ -68,9 +68,9 @@ Readers readers_of(const Json& json) {
 bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& attributes,
                      const std::vector<glm::vec3>& vectors) {
   const Json& json = document.json;
-  const auto there = attributes.find("_SHADOW_KERNEL");
-  if (there == attributes.end()) return false;
-  const auto index = there->get<std::size_t>();
+  const auto existing = attributes.find("_SHADOW_KERNEL");
+  if (existing == attributes.end()) return false;
+  const auto index = existing->get<std::size_t>();
   const Json& accessor = json.at("accessors").at(index);
   if (readers.of_accessor.at(index) != 1 ||
       accessor.value("componentType", 0) != GlbDocument::kFloat ||
@@ -82,10 +82,10 @@ bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& 
   const auto view_index = accessor.at("bufferView").get<std::size_t>();
   const Json& view = json.at("bufferViews").at(view_index);
   const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
-  const bool own = readers.of_view.at(view_index) == 1 &&
-                   view.value("byteLength", std::size_t{0}) == std::span(vectors).size_bytes() &&
-                   accessor.value("byteOffset", std::size_t{0}) == 0;
-  if (!dense || !own || view.value("buffer", 0) != 0) return false;
+  const bool sole = readers.of_view.at(view_index) == 1 &&
+                    view.value("byteLength", std::size_t{0}) == std::span(vectors).size_bytes() &&
+                    accessor.value("byteOffset", std::size_t{0}) == 0;
+  if (!dense || !sole || view.value("buffer", 0) != 0) return false;
   return document.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
 }
 
@@ -99,13 +99,13 @@ class KernelWriter {
         readers_(readers_of(document.json)) {}
 
   [[nodiscard]] Result<void> add(const gltf::MeshUse& use) {
-    // A node of scale 0 is invisible: its mesh stays unchanged, and such instances are dropped.
+    // A node of scale 0 is invisible: its mesh stays unchanged. Instances of scale 0 are dropped.
     if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
     bool is_copy = false;
     const std::size_t mesh = mesh_of(use, is_copy);
     for (const gltf::PrimitiveUse& primitive : use.primitives) {
       if (primitive.is_hidden) continue;
-      // Copied, because adding accessors may reallocate the document.
+      // Copies the attributes, because adding accessors may reallocate the document.
       Json attributes = document_.json.at("meshes")
                             .at(mesh)
                             .at("primitives")
@@ -129,7 +129,7 @@ class KernelWriter {
     return {};
   }
 
-  // Call it after the last use is added.
+  // Removes instancing from nodes whose instances became nodes. Requires that all uses are added.
   void finish() {
     if (instances_.empty()) return;
     bool is_used = false;
@@ -175,7 +175,7 @@ class KernelWriter {
     return mesh;
   }
 
-  // Converts an instance to a node, before the node's other children.
+  // Converts an instance to a child of its node, before the other children.
   void add_instance(const gltf::MeshUse& use, std::size_t mesh) {
     Json& nodes = document_.json.at("nodes");
     Json instance = {{"mesh", mesh}};
@@ -187,8 +187,8 @@ class KernelWriter {
     Json& node = nodes.at(parent);
     if (!node.contains("children")) node["children"] = Json::array();
     Json& children = node.at("children");
-    const auto place = static_cast<std::ptrdiff_t>(instances_[use.node]++);
-    children.insert(children.begin() + place, nodes.size() - 1);
+    const auto position = static_cast<std::ptrdiff_t>(instances_[use.node]++);
+    children.insert(children.begin() + position, nodes.size() - 1);
   }
 
   [[nodiscard]] Result<std::vector<glm::vec3>> local_kernels(const gltf::PrimitiveUse& use,
@@ -222,7 +222,7 @@ class KernelWriter {
   double unit_m_;  // of the file
   std::string name_;
   Readers readers_;
-  std::set<int> written_;                 // meshes of the file
+  std::set<int> written_;                 // meshes of the file with their first use done
   std::map<int, std::size_t> instances_;  // per node: number of nodes that replace its instances
 };
 

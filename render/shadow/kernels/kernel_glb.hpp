@@ -17,7 +17,7 @@ struct KernelGlb {
 };
 
 // Adds kernels to the .glb or .gltf `file` and embeds its external files. Kernels are written in
-// each mesh's own axes and in the file's unit, `unit_m` [m]. The mesh's extras record the direction
+// each mesh's axes and in the file's unit, `unit_m` [m]. The mesh's extras record the direction
 // and the geometry's key. A mesh used by several nodes or instances is written once per use; the
 // copies share the other attributes. Fails if a transform flattens a mesh.
 [[nodiscard]] Result<KernelGlb> add_kernels_to_gltf(const std::filesystem::path& file,

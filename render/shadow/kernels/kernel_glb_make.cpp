@@ -44,11 +44,11 @@ struct NamedMesh {
 
 constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
 
-// `new_index`: scratch memory, kNoVertex for each vertex of the mesh before and after.
+// Returns a node's faces. `new_index`: scratch memory, kNoVertex per vertex before and afterwards.
 Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>& new_index) {
-  Mesh own;
-  own.name = mesh.name;
-  own.material = mesh.material;
+  Mesh node_mesh;
+  node_mesh.name = mesh.name;
+  node_mesh.material = mesh.material;
   const auto copy = [](auto& to, const auto& from, std::uint32_t vertex) {
     if (!from.empty()) to.push_back(from[vertex]);
   };
@@ -56,18 +56,18 @@ Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>
     const std::uint32_t vertex = mesh.indices[run.first_index + i];
     std::uint32_t& index = new_index[vertex];
     if (index == kNoVertex) {
-      index = static_cast<std::uint32_t>(own.positions.size());
-      copy(own.positions, mesh.positions, vertex);
-      copy(own.normals, mesh.normals, vertex);
-      copy(own.texcoords, mesh.texcoords, vertex);
-      copy(own.colors, mesh.colors, vertex);
-      copy(own.source_vertex, mesh.source_vertex, vertex);
+      index = static_cast<std::uint32_t>(node_mesh.positions.size());
+      copy(node_mesh.positions, mesh.positions, vertex);
+      copy(node_mesh.normals, mesh.normals, vertex);
+      copy(node_mesh.texcoords, mesh.texcoords, vertex);
+      copy(node_mesh.colors, mesh.colors, vertex);
+      copy(node_mesh.source_vertex, mesh.source_vertex, vertex);
     }
-    own.indices.push_back(index);
+    node_mesh.indices.push_back(index);
   }
   for (std::size_t i = 0; i < run.index_count; ++i)
     new_index[mesh.indices[run.first_index + i]] = kNoVertex;
-  return own;
+  return node_mesh;
 }
 
 // Splits meshes by node, in order, because groups of parts refer to nodes by name.
@@ -99,8 +99,8 @@ std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& st
       append_mesh(*same, piece.mesh);
     }
   }
-  const std::size_t rest = stamp.find('-');
-  return geometry_key(written) + (rest == std::string::npos ? "" : stamp.substr(rest));
+  const std::size_t suffix = stamp.find('-');
+  return geometry_key(written) + (suffix == std::string::npos ? "" : stamp.substr(suffix));
 }
 
 // Adds a node for the most recently written mesh, below nodes with the names of its ancestors.
@@ -120,8 +120,8 @@ void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
     }
   }
   if (!model.origin.isZero(0.0)) {
-    const Eigen::Vector3d place = to_file_axes(model.origin);
-    json["nodes"][top]["translation"] = {place.x(), place.y(), place.z()};
+    const Eigen::Vector3d origin = to_file_axes(model.origin);
+    json["nodes"][top]["translation"] = {origin.x(), origin.y(), origin.z()};
   }
   json["scenes"][0]["nodes"].push_back(top);
 }
@@ -144,10 +144,10 @@ class MaterialWriter {
 
   // Returns the number of images that can't be embedded.
   std::size_t add_images(const Model& model) {
-    std::size_t left_out = 0;
+    std::size_t skipped = 0;
     for (const Texture& texture : model.textures) {
       if (!has_own_image(texture)) {
-        ++left_out;
+        ++skipped;
         images_.push_back(-1);
         continue;
       }
@@ -156,7 +156,7 @@ class MaterialWriter {
       images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture.encoded)}});
       images_.push_back(static_cast<int>(images.size()) - 1);
     }
-    return left_out;
+    return skipped;
   }
 
   void add(const Material& from) {
@@ -232,15 +232,15 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
   json["scenes"] = Json::array({{{"nodes", Json::array()}}});
   KernelGlb result;
   MaterialWriter materials(document);
-  if (const std::size_t left_out = materials.add_images(model); left_out > 0) {
+  if (const std::size_t skipped = materials.add_images(model); skipped > 0) {
     result.warnings.push_back(fmt::format(
         "{}: {} of its images can't be written into the .glb; their materials are plain there",
-        model.name, left_out));
+        model.name, skipped));
   }
   for (const Material& material : model.materials) materials.add(material);
   const std::vector<NamedMesh> pieces = split_by_node(model);
-  // For a model far from the origin, the reader chooses another origin and rounds differently, so
-  // the stamp would not match.
+  // For a model far from the origin, load_model() chooses another origin and rounds differently,
+  // so the stamp would not match.
   const bool is_far = !model.origin.isZero(0.0);
   kernels.geometry = is_far ? "" : stamp_of(pieces, kernels.geometry);
   for (const NamedMesh& piece : pieces) {

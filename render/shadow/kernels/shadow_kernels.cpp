@@ -20,19 +20,19 @@ namespace penumbra {
 namespace {
 
 // Relaxed local thickness (docs/shadows.md#kernels); its other constants are in KernelTuning.
-constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
-// Bodies joined by a group are measured as one across joints of up to this fraction of the
-// silhouette's shorter side; otherwise a wall would be as thick as a brick.
+constexpr double kHoleShare = 0.005;  // of the covered cells; smaller holes are missing faces
+// The thickness of bodies that a group joins is measured across joints of up to this fraction of
+// the silhouette's shorter side. Otherwise a wall would be as thick as one brick.
 constexpr double kJointShare = 0.05;
 constexpr int kCentroidCells = 128;  // along each side
 constexpr int kMedianFiner = 2;  // refinement of the raster for a median radius, along each side
 constexpr int kMinMedianCells = 32 * 32;  // cells for the median radius of a small part
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // below this, tiles cost more than they save
-// Accuracy of a radius; like kBorderSlack in cells of a raster whose longer side has the nominal
-// number of cells.
+// Tolerances in nominal cells, the cells of a raster whose longer side has the nominal number of
+// cells: for a radius, and for vertices that no disc reaches.
 constexpr float kRadiusSlack = 0.5F;
-constexpr float kBorderSlack = 1.0F;     // for vertices that no disc reaches
+constexpr float kBorderSlack = 1.0F;
 constexpr float kReachRounding = 1e-3F;  // tolerance for a disc that just reaches a point [cells]
 
 // Returns d or -d, the same for both, because opposite views have the same silhouette and kernels.
@@ -48,19 +48,19 @@ struct PlanarKernel {
   float radius = 0.0F;
 };
 
-// Clears left[i] for cells that the disc reaches; returns the number of cleared cells.
+// Clears remaining[i] for cells that the disc reaches; returns the number of cleared cells.
 PENUMBRA_VECTOR_CLONES
-std::int32_t clear_reached(const float* x, const float* y, std::int32_t* __restrict left,
+std::int32_t clear_reached(const float* x, const float* y, std::int32_t* __restrict remaining,
                            std::size_t count, float disc_x, float disc_y, float squared_reach) {
-  std::int32_t held = 0;
+  std::int32_t cleared = 0;
   for (std::size_t i = 0; i < count; ++i) {
     const float dx = disc_x - x[i];
     const float dy = disc_y - y[i];
-    const std::int32_t now = dx * dx + dy * dy <= squared_reach ? left[i] : 0;
-    held += now;
-    left[i] -= now;
+    const std::int32_t hit = dx * dx + dy * dy <= squared_reach ? remaining[i] : 0;
+    cleared += hit;
+    remaining[i] -= hit;
   }
-  return held;
+  return cleared;
 }
 
 // Sampled cells of a silhouette that are not yet in a disc.
@@ -125,18 +125,18 @@ class LocalThickness {
   }
 
   // Writes the covered cells of the part's silhouette and their kernels; returns the cell size [m].
-  float sample(const PartGeometry& part, float finest_cell, std::vector<Eigen::Vector2f>& places,
+  float sample(const PartGeometry& part, float finest_cell, std::vector<Eigen::Vector2f>& positions,
                std::vector<PlanarKernel>& kernels) {
-    places.clear();
+    positions.clear();
     kernels.clear();
     const Eigen::Vector2f extent = extent_of(part.points);
-    const float of_use = (extent.x() / finest_cell) * (extent.y() / finest_cell);
-    if (!rasterise(part, side_cells(part), std::clamp(static_cast<int>(of_use), 64, 512 * 512)))
+    const float useful = (extent.x() / finest_cell) * (extent.y() / finest_cell);
+    if (!rasterise(part, side_cells(part), std::clamp(static_cast<int>(useful), 64, 512 * 512)))
       return 0.0F;
     for_each_covered(
-        [&](const Eigen::Vector2f& centre) { places.push_back(raster_.from_cells(centre)); });
-    kernels.resize(places.size());
-    assign_by_tiles(places, kernels);
+        [&](const Eigen::Vector2f& centre) { positions.push_back(raster_.from_cells(centre)); });
+    kernels.resize(positions.size());
+    assign_by_tiles(positions, kernels);
     return raster_.cell();
   }
 
@@ -147,9 +147,9 @@ class LocalThickness {
     const int side = side_cells(part);
     const Eigen::Vector2f extent = extent_of(part.points);
     const int max_budget = kMedianFiner * kMedianFiner * side * side;
-    const float of_use = extent.x() * extent.y() / (finest_cell * finest_cell);
-    const int budget = of_use < static_cast<float>(max_budget)
-                           ? std::max(kMinMedianCells, static_cast<int>(of_use))
+    const float useful_cells = extent.x() * extent.y() / (finest_cell * finest_cell);
+    const int budget = useful_cells < static_cast<float>(max_budget)
+                           ? std::max(kMinMedianCells, static_cast<int>(useful_cells))
                            : max_budget;
     if (!rasterise(part, side, budget)) {
       for (const Eigen::Vector2f& point : part.points) result.centre += point;
@@ -167,14 +167,14 @@ class LocalThickness {
     // A cell's thickness is the radius of the largest disc that contains it. In descending order of
     // radius, the median is the radius of the disc that completes half of the cells.
     const std::size_t count = samples_.x.size();
-    std::size_t left = count - count / 2;
+    std::size_t missing = count - count / 2;
     for (const Disc& disc : discs_.all()) {
       const float reach = disc.radius + 0.5F;
-      const auto held = static_cast<std::size_t>(clear_reached(samples_.x.data(), samples_.y.data(),
-                                                               samples_.left.data(), count, disc.x,
-                                                               disc.y, reach * reach));
-      if (held < left) {
-        left -= held;
+      const auto contained = static_cast<std::size_t>(
+          clear_reached(samples_.x.data(), samples_.y.data(), samples_.left.data(), count, disc.x,
+                        disc.y, reach * reach));
+      if (contained < missing) {
+        missing -= contained;
         continue;
       }
       result.radius = disc.radius * raster_.cell();
@@ -261,36 +261,36 @@ class LocalThickness {
     set_near_reach();
   }
 
-  // `at`: the position in cells.
-  [[nodiscard]] PlanarKernel kernel_at(const Eigen::Vector2f& place, const Eigen::Vector2f& at) {
+  // `cell`: the point in cells of the raster.
+  [[nodiscard]] PlanarKernel kernel_at(const Eigen::Vector2f& point, const Eigen::Vector2f& cell) {
     const std::vector<Disc>& discs = near_.all();
-    const std::size_t largest = near_.next_reaching(0, at.x(), at.y());
+    const std::size_t largest = near_.next_reaching(0, cell.x(), cell.y());
     const Disc* winner = nullptr;
     if (largest < discs.size()) {
       const float limit = tuning_.equal_radius * discs[largest].radius;
       const auto end = std::partition_point(  // largest first
           discs.begin() + static_cast<std::ptrdiff_t>(largest) + 1, discs.end(),
           [limit](const Disc& disc) { return disc.radius >= limit; });
-      winner = &discs[near_.nearest(largest, static_cast<std::size_t>(end - discs.begin()), at.x(),
-                                    at.y())];
+      winner = &discs[near_.nearest(largest, static_cast<std::size_t>(end - discs.begin()),
+                                    cell.x(), cell.y())];
     } else {
       // For a border vertex that no disc reaches, uses the disc with the smallest distance to it.
       float min_miss = kBorderSlack * nominal_cell_;
-      for (const Disc& other : discs) {
+      for (const Disc& disc : discs) {
         const float miss =
-            std::hypot(other.x - at.x(), other.y - at.y()) - tuning_.reach * other.radius;
+            std::hypot(disc.x - cell.x(), disc.y - cell.y()) - tuning_.reach * disc.radius;
         if (miss >= min_miss) continue;
         min_miss = miss;
-        winner = &other;
+        winner = &disc;
       }
     }
-    if (winner == nullptr) return {place, 0.0F};
+    if (winner == nullptr) return {point, 0.0F};
     Disc chosen = *winner;
-    if (smooth_) blend(at, chosen);
+    if (smooth_) blend(cell, chosen);
     return {raster_.from_cells({chosen.x, chosen.y}), chosen.radius * raster_.cell()};
   }
 
-  // Averages the discs that reach p, with weights r^8 (1 - |p - c|^2 / (reach r)^2)^2.
+  // Sets `chosen` to the mean of the discs reaching p; weight: r^8 (1 - |p - c|^2 / (reach r)^2)^2.
   void blend(const Eigen::Vector2f& p, Disc& chosen) const {
     float x = 0.0F;
     float y = 0.0F;
@@ -318,7 +318,7 @@ class LocalThickness {
   KernelProgress* progress_;
   int least_side_cells_ = 0;
   KernelTuning tuning_;
-  float nominal_cell_ = 1.0F;  // [cells]
+  float nominal_cell_ = 1.0F;  // [cells of the raster]
   FootprintRaster raster_;
   RidgeDiscs ridge_;
   CellSamples samples_;
@@ -357,9 +357,9 @@ class PartSilhouettes {
   }
 
   [[nodiscard]] const PlaneFrame& view() const { return view_; }
-  // One per mesh position.
+  // Returns one point per mesh position.
   [[nodiscard]] std::span<const Eigen::Vector2d> projected() const { return projected_; }
-  // The mesh positions of a part, in the order of its points.
+  // Returns the mesh positions of a part, in the order of the part's points.
   [[nodiscard]] std::span<const std::uint32_t> positions(std::size_t part) const {
     return positions_[part];
   }
@@ -500,13 +500,13 @@ std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh, const Eig
   const float finest_cell_m = extent_of(parts.projected()).maxCoeff() / static_cast<float>(cells);
   std::vector<SilhouettePoint> points;
   if (!(finest_cell_m > 0.0F) || !std::isfinite(finest_cell_m)) return points;
-  std::vector<Eigen::Vector2f> places;
+  std::vector<Eigen::Vector2f> positions;
   std::vector<PlanarKernel> kernels;
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const float side = thickness.sample(parts.geometry(part), finest_cell_m, places, kernels);
-    for (std::size_t i = 0; i < places.size(); ++i) {
+    const float side = thickness.sample(parts.geometry(part), finest_cell_m, positions, kernels);
+    for (std::size_t i = 0; i < positions.size(); ++i) {
       points.push_back(
-          {parts.in_object(part, places[i]), parts.in_object(part, kernels[i].centre), side});
+          {parts.in_object(part, positions[i]), parts.in_object(part, kernels[i].centre), side});
     }
   }
   return points;

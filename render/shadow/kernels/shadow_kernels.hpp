@@ -25,17 +25,17 @@ struct KernelTuning {
   // A vertex belongs to the largest disc in its part's silhouette that contains it when enlarged by
   // this factor. At least sqrt(2), so that the corners of a square share its centre.
   float reach = 1.5F;
-  // Discs of at least this fraction of the largest one's radius count as equally large.
+  // Discs of at least this fraction of the largest disc's radius count as equally large.
   float equal_radius = 0.95F;
-  // A cell is on a ridge if the depth grows by less than this fraction of the distance (45 degrees)
-  // towards every neighbour. A neighbour that is less deep by no more than that is on the same
-  // ridge.
+  // A cell is on a ridge if, towards every neighbour, the depth grows by less than this fraction of
+  // the distance to it. Adjacent ridge cells are on the same ridge if their depths differ by no
+  // more than this [cells].
   float ridge_slope = 0.7F;
-  // Cells along a side of a square raster / sqrt(vertices of the part), within the limits below.
+  // Side of a square raster [cells] / sqrt(number of the part's vertices), within the next limits.
   double cells_per_root = 8.0;
   int least_side_cells = 32;
   int most_side_cells = 128;
-  // Minimum number of cells over all parts of a body with few parts.
+  // Cells shared by all parts: raises the minimum side if a body has few parts.
   int cells_of_all = 1 << 17;
 };
 
@@ -44,9 +44,9 @@ struct KernelProgress {
   std::atomic<std::size_t> done{0}, total{0};  // [vertices]
 };
 
-// Returns a finite kernel for every vertex of any triangle soup; k = x if no disc contains the
-// vertex. `up` must be finite and not zero. Rotating a mesh about `up` rotates its kernels, to 1e-5
-// of its size, except that rounding decides between equal discs.
+// Returns a finite kernel for every vertex of any triangle soup; a vertex that
+// no disc contains is its own kernel. `up` must be finite and not zero. Rotating a mesh about `up`
+// rotates its kernels, to 1e-5 of its size, except that rounding decides between equal discs.
 [[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                              KernelSource source,
                                              KernelProgress* progress = nullptr,
@@ -57,11 +57,11 @@ struct PartDisc {
   glm::vec3 centre{0.0F};  // of the silhouette, object frame [m]; height along `up` irrelevant
   float radius = 0.0F;     // area-weighted median of the local thickness [m]; 0 without area
 };
-inline constexpr double kHalfFieldCell = 1.0 / 512.0;
-// Returns one per part. `finest_cell`: minimum cell size of a silhouette's raster, as a fraction of
-// the object's extent; 0: no minimum. `across_joints`: bridges the joints between bodies that a
-// group joined into one part, as kernels do. Without it a field shows the light between these
-// bodies.
+inline constexpr double kHalfFieldCell = 1.0 / 512.0;  // half a cell of ShadowFieldOptions::cells
+// Returns one disc per part. `finest_cell`: minimum cell size of a silhouette's raster, as a
+// fraction of the object's extent; 0: no minimum. `across_joints`: bridges the joints between
+// bodies that a group joined into one part, as kernels do; if false, a field shows the light
+// between these bodies.
 [[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                                double finest_cell = kHalfFieldCell,
                                                bool across_joints = true);

@@ -14,8 +14,8 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kDiscBlock = 16;  // discs tested at once
-// Squared relative distances that differ by no more than this are equal, so that rounding does not
-// choose between the two sides of a symmetric shape.
+// Squared relative distances that differ by no more than this factor and this addend are equal, so
+// that rounding does not choose between the two sides of a symmetric shape.
 constexpr float kAsNear = 1.001F;
 constexpr float kNearEnough = 1e-6F;
 
@@ -188,17 +188,17 @@ void RidgeDiscs::find(const FootprintRaster& raster, float slope, ReachingDiscs&
 Disc RidgeDiscs::disc_at(std::size_t column, std::size_t row, std::size_t stride,
                          float slope) const {
   // A ridge between two rows appears in both, so its middle is the mean of the adjacent cells of
-  // equal depth. Otherwise the kernel would be off by half a cell.
+  // about equal depth. Otherwise the kernel would be off by half a cell.
   const float* ridge = ridge_.data() + (row - 1) * stride + column - 1;
   const float depth = ridge[stride + 1];
-  unsigned same = 0;
+  unsigned same_ridge = 0;
   for (unsigned y = 0; y < 3; ++y) {
     for (unsigned x = 0; x < 3; ++x) {
-      const float off = ridge[y * stride + x] - depth;
-      same |= static_cast<unsigned>(std::abs(off) <= slope) << (3 * y + x);
+      const float difference = ridge[y * stride + x] - depth;
+      same_ridge |= static_cast<unsigned>(std::abs(difference) <= slope) << (3 * y + x);
     }
   }
-  const RidgeMiddle& middle = ridge_middles()[same];
+  const RidgeMiddle& middle = ridge_middles()[same_ridge];
   // The outline is half a cell before the nearest uncovered centre.
   return {static_cast<float>(column) + 0.5F + middle.x, static_cast<float>(row) + 0.5F + middle.y,
           depth - 0.5F + middle.deeper};

@@ -18,13 +18,13 @@ class ReachingDiscs {
  public:
   void clear() { discs_.clear(); }
   void add(const Disc& disc) { discs_.push_back(disc); }
-  // Sets each disc's distance to `times` its radius plus `slack`. Call it after the last add().
+  // Sets the distance that each disc reaches: `times` its radius plus `slack`. Call after add().
   void set_reach(float times, float slack);
   [[nodiscard]] const std::vector<Disc>& all() const { return discs_; }
   // Returns the first disc from index `disc` on that reaches the point, or all().size().
   [[nodiscard]] std::size_t next_reaching(std::size_t disc, float x, float y) const;
   // Among the discs [first, end) that reach the point, returns the one with the smallest distance /
-  // radius; the first one if equal. Disc `first` must reach the point.
+  // radius; the first disc if several are equal. Disc `first` must reach the point.
   [[nodiscard]] std::size_t nearest(std::size_t first, std::size_t end, float x, float y);
 
  private:

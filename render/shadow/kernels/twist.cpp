@@ -39,7 +39,7 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
   for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
     const auto face = indices.subspan(i, 3);
     if (std::ranges::max(face) >= vertices.size()) continue;
-    // A(s) = A_k + s B + s^2 A_d (docs/shadows.md#fold-overs).
+    // Area of the face at factor s: A(s) = A_k + s B + s^2 A_d (docs/shadows.md#fold-overs).
     std::array<Eigen::Vector2d, 3> points;
     std::array<Eigen::Vector2d, 3> kernels;
     std::array<Eigen::Vector2d, 3> offsets;

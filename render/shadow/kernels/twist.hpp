@@ -24,10 +24,10 @@ struct CasterKernels {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   TwistReport twist;
   double spill = 0.0;                     // layer_overshoot() of its penumbra
-  std::vector<Eigen::Vector3d> on_plane;  // the distinct kernels: table frame [m]
+  std::vector<Eigen::Vector3d> on_plane;  // distinct kernels, table frame [m]
 };
 
-// Tests all factors from `low` to `high`; the corners of a face have the same factor.
+// Counts faces that fold over at any factor from `low` to `high`; a face's corners share a factor.
 [[nodiscard]] TwistReport find_twists(std::span<const CasterVertex> vertices,
                                       std::span<const std::uint32_t> indices, double low,
                                       double high);
