@@ -36,14 +36,14 @@ void Coverage::cover(std::span<const PlanePoint> triangles) {
 
 void Coverage::cover_square(const PlanePoint& centre, float half_side) {
   const Eigen::Vector2f at = cells(centre);
-  const float reach = half_side / cell_;
+  const float half_cells = half_side / cell_;
   const auto first = [](float x) { return std::max(0, static_cast<int>(std::ceil(x - 0.5F))); };
   const auto last = [](float x, int end) {
     return std::min(end - 1, static_cast<int>(std::floor(x - 0.5F)));
   };
-  const int from = first(at.x() - reach);
-  const int to = last(at.x() + reach, width_);
-  for (int row = first(at.y() - reach); row <= last(at.y() + reach, height_); ++row) {
+  const int from = first(at.x() - half_cells);
+  const int to = last(at.x() + half_cells, width_);
+  for (int row = first(at.y() - half_cells); row <= last(at.y() + half_cells, height_); ++row) {
     fill(row, from, to);
   }
 }
@@ -76,11 +76,11 @@ void Coverage::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vecto
   const int last = std::min(height_ - 1, static_cast<int>(std::floor(c.y() - 0.5F)));
   for (int row = first; row <= last; ++row) {
     const float y = static_cast<float>(row) + 0.5F;
-    const float longer = crossing(a, c, y);
-    const float shorter = y < b.y() ? crossing(a, b, y) : crossing(b, c, y);
-    const int from = std::max(0, static_cast<int>(std::ceil(std::min(longer, shorter) - 0.5F)));
+    const float x_on_ac = crossing(a, c, y);
+    const float x_on_abc = y < b.y() ? crossing(a, b, y) : crossing(b, c, y);
+    const int from = std::max(0, static_cast<int>(std::ceil(std::min(x_on_ac, x_on_abc) - 0.5F)));
     const int to =
-        std::min(width_ - 1, static_cast<int>(std::floor(std::max(longer, shorter) - 0.5F)));
+        std::min(width_ - 1, static_cast<int>(std::floor(std::max(x_on_ac, x_on_abc) - 0.5F)));
     fill(row, from, to);
   }
 }

@@ -26,7 +26,7 @@ class Coverage {
   void cover_square(const PlanePoint& centre, float half_side);
 
   [[nodiscard]] std::size_t count() const;
-  // Counts the cells that are set in both. Here and below, `other` must have the same grid.
+  // Counts the cells that are set in both rasters. Here and below, `other` must have the same grid.
   [[nodiscard]] std::size_t count_with(const Coverage& other) const;
   // Returns the intersection over union; 1 if both are empty.
   [[nodiscard]] double iou(const Coverage& other) const;
@@ -41,7 +41,7 @@ class Coverage {
   Eigen::Vector2f low_;
   float cell_;
   int width_, height_;  // [cells]
-  std::size_t words_;   // per row
+  std::size_t words_;   // 64-bit words per row
   std::vector<std::uint64_t> bits_;
 };
 

@@ -12,7 +12,7 @@ namespace penumbra {
 
 namespace {
 
-// Within this range Clipper needs only 64-bit arithmetic.
+// Half the grid's extent [steps], for which Clipper needs only 64-bit arithmetic.
 constexpr double kGridHalf = 5e8;
 constexpr double kSpeck = 1e-12;  // [m^2]; smaller polygons are dropped
 
@@ -159,9 +159,9 @@ bool unite(const ClipperLib::Paths& paths, Solution& solution) {
                          ClipperLib::pftPositive);
 }
 
-// Computes the union of the triangles as closed paths with positive orientation. If the boundary is
-// too long, unites each half of the triangles first, which removes inner crossings, and then the
-// two results. Reorders the triangles.
+// Computes closed paths with positive orientation whose union is the union of the triangles. If the
+// boundary is too long, unites each half of the triangles first, which removes inner crossings.
+// Reorders the triangles.
 bool outline_paths(std::span<Triangle> triangles, std::size_t max_edges,
                    std::size_t max_piece_edges, ClipperLib::Paths& outline) {
   const std::vector<Edge> edges = boundary_edges(triangles);
@@ -214,12 +214,12 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
   }
 
   const double unit = grid.step * grid.step;
-  double total = 0.0;
+  double total_area = 0.0;
   for (const ClipperLib::PolyNode* node = tree.GetFirst(); node != nullptr;
        node = node->GetNext()) {
-    total += unit * std::abs(ClipperLib::Area(node->Contour)) * (node->IsHole() ? -1.0 : 1.0);
+    total_area += unit * std::abs(ClipperLib::Area(node->Contour)) * (node->IsHole() ? -1.0 : 1.0);
   }
-  const double speck = std::min(kSpeck, 1e-9 * total);
+  const double speck = std::min(kSpeck, 1e-9 * total_area);
   for (const ClipperLib::PolyNode* node = tree.GetFirst(); node != nullptr;
        node = node->GetNext()) {
     if (node->IsHole()) continue;

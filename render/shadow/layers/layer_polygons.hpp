@@ -12,7 +12,7 @@
 namespace penumbra {
 
 struct LayerPolygon {
-  std::vector<Eigen::Vector2d> outer;  // counter-clockwise [m], not closed by repetition
+  std::vector<Eigen::Vector2d> outer;  // counter-clockwise [m], first corner not repeated
   std::vector<std::vector<Eigen::Vector2d>> holes;  // clockwise
 };
 

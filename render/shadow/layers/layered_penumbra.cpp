@@ -57,7 +57,7 @@ struct ClippedFace {
   void add(const CasterVertex& vertex) { vertices[count++] = vertex; }
 };
 
-// One step of Sutherland-Hodgman clipping to h >= height if `above`, else to h <= height.
+// Does one step of Sutherland-Hodgman clipping to h >= height if `above`, else to h <= height.
 ClippedFace clip_face(const ClippedFace& face, float height, bool above) {
   ClippedFace clipped;
   for (std::size_t i = 0; i < face.count; ++i) {
@@ -93,8 +93,8 @@ double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h
   const HeightRange range = layer_height_range(constants, layer);
   const double lambda = lambda_of(layer);
   if (std::isinf(constants.light_height)) return lambda / constants.umbra_height;
-  const double left = constants.light_height - std::clamp(h, range.low, range.high);
-  return (1.0 + lambda * constants.light_ratio) * constants.light_height / (left * left);
+  const double depth = constants.light_height - std::clamp(h, range.low, range.high);
+  return (1.0 + lambda * constants.light_ratio) * constants.light_height / (depth * depth);
 }
 
 float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h) {
@@ -111,9 +111,9 @@ float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float
   const auto light = static_cast<float>(constants.light_height);
   const auto ratio = static_cast<float>(constants.light_ratio);
   // The product is exact in double, which matters near h_u, where the terms cancel.
-  const double left =
+  const double numerator =
       static_cast<double>(light) - static_cast<double>(ratio) * static_cast<double>(height);
-  return std::max(0.0F, static_cast<float>(left) / (light - height));
+  return std::max(0.0F, static_cast<float>(numerator) / (light - height));
 }
 
 std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices,
@@ -132,7 +132,7 @@ std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices
     if (!is_finite(a) || !is_finite(b) || !is_finite(c)) continue;
     const float lowest = std::min({a.h, b.h, c.h});
     const float highest = std::max({a.h, b.h, c.h});
-    // A face in the plane casts a shadow; one at the upper limit does not.
+    // A face in the plane casts a shadow; a face at the upper limit does not.
     if (highest < low || lowest >= high) continue;
     if (lowest >= low && highest <= high) {
       triangles.insert(triangles.end(), {a, b, c});

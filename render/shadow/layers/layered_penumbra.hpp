@@ -1,11 +1,11 @@
-// Layered penumbrae: the three layers of a shadow cast straight down (docs/shadows.md#layers).
+// Layered penumbrae: three layers of a shadow along the plane's normal (docs/shadows.md#layers).
 //
 //   s_lambda(h) = (H + lambda a h) / (H - h),   lambda = -1 umbra, 0 middle, +1 penumbra
 //   x_lambda    = k + s_lambda(h) (x - k)
 //
-// x, k: plane coordinates (u, v); h: height above the plane. For a light at the zenith (H = inf)
-// that loses its umbra at height h_u: s = 1 + lambda h / h_u. shadow.vert.glsl has the same
-// formulas.
+// x: vertex, k: its kernel, plane coordinates (u, v); h: height of x above the plane; H: light
+// height; a: light ratio. For a light at the zenith (H = inf) whose umbra vanishes at the height
+// h_u: s = 1 + lambda h / h_u. shadow.vert.glsl has the same formulas.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@
 
 namespace penumbra {
 
-// Return s_lambda(h); layer_rate(): ds_lambda/dh [1/m]. h is clamped to the layer's range.
+// The factors return s_lambda(h), the rate ds_lambda/dh [1/m]. h is clamped to the layer's range.
 [[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
 [[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
 [[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);
@@ -47,7 +47,7 @@ struct PlanePoint {
                                                       std::span<const std::uint32_t> indices,
                                                       const LayeredConstants& constants,
                                                       ShadowLayer layer);
-// Returns the orthogonal shadow: the faces above the plane, projected straight down.
+// Returns the orthogonal shadow: the faces above the plane, projected along its normal.
 [[nodiscard]] std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
                                                            std::span<const std::uint32_t> indices);
 

@@ -22,7 +22,7 @@ OwnFrame OwnFrame::make(const Placement& T_world_object, const PlaneFrame& plane
   own.T_own_object.rotation = Eigen::Quaterniond(R_own_object).normalized();
   own.T_own_object.scale = T_world_object.scale;
 
-  // The own axes on the plane: the remaining rotation, about the normal up to rounding.
+  // Rotation of the own frame in the plane. Apart from rounding, it is about the normal.
   const Eigen::Matrix3d R_world_own =
       T_world_object.rotation.toRotationMatrix() * R_own_object.transpose();
   const Eigen::Vector3d x = R_world_own.col(0);

@@ -21,8 +21,8 @@ struct PlanarMotion {
   friend bool operator==(const PlanarMotion&, const PlanarMotion&) = default;
 };
 
-// The own frame lies in the plane (z = 0, z up), with its origin below the object's. Its axes
-// depend only on the object: the same tilt and height give the same T_own_object on any plane.
+// The own frame lies in the plane (z = 0, z up), with its origin below the object's origin. Its
+// axes depend only on the object: the same tilt and height give the same T_own_object on any plane.
 struct OwnFrame {
   Placement T_own_object;
   PlanarMotion T_plane_own;

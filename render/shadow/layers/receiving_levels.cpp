@@ -10,9 +10,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMinCosine = 0.02;  // steeper faces receive little light from straight above
-constexpr double kLevelCosine = 0.999;
-constexpr double kContact = 1e-4;  // lower faces touch or are below the plane: no level [m]
+constexpr double kMinCosine = 0.02;     // steeper faces receive little light from straight above
+constexpr double kLevelCosine = 0.999;  // minimum cosine of a horizontal face
+constexpr double kContact = 1e-4;       // lower faces touch or are below the plane: no level [m]
 
 }  // namespace
 
@@ -44,29 +44,29 @@ ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_
   }
 }
 
-bool ReceivingSurface::meets(const Face& face, const Eigen::AlignedBox2d& over) {
-  return static_cast<double>(face.u_high) >= over.min().x() &&
-         static_cast<double>(face.u_low) <= over.max().x() &&
-         static_cast<double>(face.v_high) >= over.min().y() &&
-         static_cast<double>(face.v_low) <= over.max().y();
+bool ReceivingSurface::meets(const Face& face, const Eigen::AlignedBox2d& rectangle) {
+  return static_cast<double>(face.u_high) >= rectangle.min().x() &&
+         static_cast<double>(face.u_low) <= rectangle.max().x() &&
+         static_cast<double>(face.v_high) >= rectangle.min().y() &&
+         static_cast<double>(face.v_low) <= rectangle.max().y();
 }
 
-double ReceivingSurface::lowest(const Eigen::AlignedBox2d& over) const {
+double ReceivingSurface::lowest(const Eigen::AlignedBox2d& rectangle) const {
   double lowest = std::numeric_limits<double>::infinity();
   for (const Face& face : faces_) {
-    if (meets(face, over)) lowest = std::min(lowest, static_cast<double>(face.low));
+    if (meets(face, rectangle)) lowest = std::min(lowest, static_cast<double>(face.low));
   }
   return lowest;
 }
 
-std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, double top,
+std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& rectangle, double top,
                                              std::size_t limit, const LevelSpacing& spacing) const {
   std::vector<double> plateaus;
   double slope_low = std::numeric_limits<double>::infinity();
   double slope_high = -slope_low;
   for (const Face& face : faces_) {
     const auto low = static_cast<double>(face.low);
-    if (!meets(face, over) || low > top) continue;
+    if (!meets(face, rectangle) || low > top) continue;
     if (face.level) {
       plateaus.push_back(low);
     } else {
@@ -94,9 +94,9 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
           levels.push_back(height);
       }
     };
-    const double between = std::clamp(spacing.clear_below, slope_low, slope_high);
-    if (between > slope_low) add(slope_low, between, spacing.clear_step);
-    if (slope_high > between || between == slope_low) add(between, slope_high, spacing.step);
+    const double middle = std::clamp(spacing.clear_below, slope_low, slope_high);
+    if (middle > slope_low) add(slope_low, middle, spacing.clear_step);
+    if (slope_high > middle || middle == slope_low) add(middle, slope_high, spacing.step);
     std::sort(levels.begin(), levels.end());
     levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
   }

@@ -11,7 +11,7 @@
 namespace penumbra {
 
 // Three points per triangle, here and in the result; keeps the orientation. excess(a, b): an edge's
-// length divided by the allowed one, symmetric. middle(a, b): the point at which to split it.
+// length divided by the allowed length, symmetric. middle(a, b): the point at which to split it.
 // Triangles with is_invisible(a, b, c) are dropped. Returns nullopt if the result would exceed
 // `max_triangles`.
 template <class Point, class Excess, class Middle, class IsInvisible>
@@ -22,7 +22,7 @@ template <class Point, class Excess, class Middle, class IsInvisible>
                                                                 std::size_t max_triangles) {
   std::vector<Point> done;
   done.reserve(triangles.size());
-  const auto put = [](std::vector<Point>& to, const Point& p, const Point& q, const Point& r) {
+  const auto append = [](std::vector<Point>& to, const Point& p, const Point& q, const Point& r) {
     to.insert(to.end(), {p, q, r});
   };
   while (!triangles.empty()) {
@@ -37,19 +37,19 @@ template <class Point, class Excess, class Middle, class IsInvisible>
     const auto ca = excess(c, a);
     const auto largest = std::max({ab, bc, ca});
     if (!(largest > 1)) {
-      put(done, a, b, c);
+      append(done, a, b, c);
     } else if (ab == largest) {
       const Point m = middle(a, b);
-      put(triangles, a, m, c);
-      put(triangles, m, b, c);
+      append(triangles, a, m, c);
+      append(triangles, m, b, c);
     } else if (bc == largest) {
       const Point m = middle(b, c);
-      put(triangles, a, b, m);
-      put(triangles, a, m, c);
+      append(triangles, a, b, m);
+      append(triangles, a, m, c);
     } else {
       const Point m = middle(c, a);
-      put(triangles, a, b, m);
-      put(triangles, m, b, c);
+      append(triangles, a, b, m);
+      append(triangles, m, b, c);
     }
   }
   return done;
@@ -60,8 +60,8 @@ template <class Point, class Excess, class Middle, class IsInvisible>
 inline constexpr double kSplitNear_m = 0.5;
 inline constexpr double kSplitShare = 0.04;
 
-// Calls split(coarser) with 1, 2, 4, ... times the allowed edge length until it returns a result.
-// Returns `triangles` if it never does.
+// Calls split(factor on the allowed edge length) with 1, 2, 4, ... until it returns a result.
+// Returns `triangles` if no call returns a result.
 template <class Point, class Split>
 [[nodiscard]] std::vector<Point> split_within_budget(const std::vector<Point>& triangles,
                                                      const Split& split) {

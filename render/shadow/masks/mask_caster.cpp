@@ -37,39 +37,39 @@ std::optional<MaskCaster::Position> MaskCaster::position_of(const PlanePoint& p)
   return Position{std::llround(at.x()), std::llround(at.y())};
 }
 
-void MaskCaster::extend_bounds(const Position& place) {
-  bounds_.extend(first_ + Position(place.x() >> kSubcellBits, place.y() >> kSubcellBits));
+void MaskCaster::extend_bounds(const Position& position) {
+  bounds_.extend(first_ + Position(position.x() >> kSubcellBits, position.y() >> kSubcellBits));
 }
 
 void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles) {
-  std::vector<Position>& places = faces_[static_cast<std::size_t>(layer)];
-  places.clear();
-  places.reserve(triangles.size());
+  std::vector<Position>& corners = faces_[static_cast<std::size_t>(layer)];
+  corners.clear();
+  corners.reserve(triangles.size());
   for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
     const std::array<std::optional<Position>, 3> face = {
         position_of(triangles[i]), position_of(triangles[i + 1]), position_of(triangles[i + 2])};
     if (!face[0] || !face[1] || !face[2]) continue;
-    for (const std::optional<Position>& place : face) {
-      places.push_back(*place);
-      extend_bounds(*place);
+    for (const std::optional<Position>& corner : face) {
+      corners.push_back(*corner);
+      extend_bounds(*corner);
     }
   }
 }
 
 void MaskCaster::project_outline(ShadowLayer layer, std::span<const OutlineSide> sides) {
-  std::vector<Position>& places = sides_[static_cast<std::size_t>(layer)];
-  places.clear();
-  places.reserve(2 * sides.size());
+  std::vector<Position>& ends = sides_[static_cast<std::size_t>(layer)];
+  ends.clear();
+  ends.reserve(2 * sides.size());
   for (const OutlineSide& side : sides) {
     const std::optional<Position> from = position_of(side.from);
     const std::optional<Position> to = position_of(side.to);
     if (!from || !to) {  // a line that isn't closed bounds no area
-      places.clear();
+      ends.clear();
       return;
     }
-    places.insert(places.end(), {*from, *to});
+    ends.insert(ends.end(), {*from, *to});
   }
-  for (const Position& place : places) extend_bounds(place);
+  for (const Position& end : ends) extend_bounds(end);
 }
 
 void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
@@ -81,11 +81,11 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   if (positions.empty()) return;
   // Maps to cells of the plane, relative to the cell under the object's origin.
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  turn.topLeftCorner<2, 2>() << own.T_plane_own.cosine, -own.T_plane_own.sine, own.T_plane_own.sine,
-      own.T_plane_own.cosine;
-  const Eigen::Matrix3d linear = turn * map.linear;
-  Eigen::Vector3d offset = turn * map.offset;
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  rotation.topLeftCorner<2, 2>() << own.T_plane_own.cosine, -own.T_plane_own.sine,
+      own.T_plane_own.sine, own.T_plane_own.cosine;
+  const Eigen::Matrix3d linear = rotation * map.linear;
+  Eigen::Vector3d offset = rotation * map.offset;
   offset.head<2>() += cell * (own.T_plane_own.displacement / cell - first_.cast<double>());
   std::array<float, 9> m{};
   for (Eigen::Index i = 0; i < 9; ++i)
@@ -97,7 +97,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   const auto umbra_height = static_cast<float>(constants.umbra_height);
   const auto inverse_umbra = static_cast<float>(1.0 / constants.umbra_height);
   const auto cap = static_cast<float>(layer_height_range(constants, ShadowLayer::middle).high);
-  const auto places = static_cast<float>(kSubcells / cell);
+  const auto subcells_per_m = static_cast<float>(kSubcells / cell);
 
   images_.resize(positions.size());
   constexpr float kMax = std::numeric_limits<float>::max();
@@ -119,11 +119,11 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
     const float umbra = (umbra_height - h) * inverse_umbra * r;
     const std::array<float, 4> factor = {umbra > 0.0F ? umbra : 0.0F, 1.0F + t,
                                          1.0F + t + h * inverse_umbra * r, 0.0F};
-    constexpr float kRound = 3 << 22;  // adding it rounds to an integer
+    constexpr float kRound = 3 << 22;  // adding and subtracting it rounds to integers
     Images& image = images_[i];
     for (std::size_t layer = 0; layer < 4; ++layer) {
-      image.u[layer] = (ku + factor[layer] * (u - ku)) * places + kRound - kRound;
-      image.v[layer] = (kv + factor[layer] * (v - kv)) * places + kRound - kRound;
+      image.u[layer] = (ku + factor[layer] * (u - ku)) * subcells_per_m + kRound - kRound;
+      image.v[layer] = (kv + factor[layer] * (v - kv)) * subcells_per_m + kRound - kRound;
     }
     for (std::size_t layer = 0; layer < 4; ++layer) {
       low.u[layer] = image.u[layer] < low.u[layer] ? image.u[layer] : low.u[layer];
@@ -147,7 +147,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   }
 }
 
-// Faces with a NaN position have an area of NaN, so they do not count as counter-clockwise.
+// Sets non-finite positions to NaN: faces at them have a NaN area and are not counter-clockwise.
 void MaskCaster::clamp_positions() {
   bounds_.setEmpty();
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();

@@ -17,7 +17,7 @@
 
 namespace penumbra {
 
-// One object is reused between frames, to reuse its memory.
+// Serves many frames and reuses its memory.
 class MaskCaster {
  public:
   static constexpr int kSubcellBits = 8;
@@ -32,7 +32,7 @@ class MaskCaster {
   void project_outline(ShadowLayer layer, std::span<const OutlineSide> sides);
   // Calls begin() and adds the wanted layers of a mesh that lies within their height ranges.
   // `positions` and `kernels`: object frame [m], one kernel per position. Positions on the plane
-  // are rounded to 1/256 cell and clamped as above.
+  // are rounded to 1/256 cell and clamped as in project_faces().
   void project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
                const OwnFrame& own, const LayeredConstants& constants,
                const std::array<bool, 3>& wanted, double cell);
@@ -41,7 +41,7 @@ class MaskCaster {
 
  private:
   friend class MaskRaster;
-  // In units of 1/256 cell, relative to the cell under the object's origin.
+  // [1/256 cell], relative to the cell under the object's origin.
   using Position = Eigen::Vector<std::int64_t, 2>;
   // Integral (u, v) of a vertex in each layer. In a wanted layer, both are finite or both are NaN.
   struct Images {
@@ -54,7 +54,7 @@ class MaskCaster {
   void clamp_positions();
   // Returns nullopt if the point is not finite.
   [[nodiscard]] std::optional<Position> position_of(const PlanePoint& p) const;
-  void extend_bounds(const Position& place);
+  void extend_bounds(const Position& position);
 
   std::vector<Images> images_;
   std::array<bool, 3> wanted_{};

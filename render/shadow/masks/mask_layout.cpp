@@ -10,7 +10,7 @@ namespace {
 // A mask with up to this number of cells along each side is neither split nor clipped, so camera
 // motion does not change it.
 constexpr std::int64_t kCellsOfWhole = 1024;
-constexpr double kMaxCells = 1 << 23;  // in all masks of a plane: 8 MiB
+constexpr double kMaxCells = 1 << 23;  // total over the masks of a plane: 8 MiB
 // The visible region is rounded to multiples of this: small camera motion does not change it.
 constexpr std::int64_t kCutCells = 256;
 
@@ -33,16 +33,16 @@ Eigen::AlignedBox2d on_plane(const CellBox& box, double cell) {
 // Converts a box to cells of another size, rounded outwards.
 CellBox in_cells_of(const CellBox& box, int from, int to) {
   if (from == to) return box;
-  const Eigen::AlignedBox2d place = on_plane(box, cell_size(from) / cell_size(to));
-  return with_border({place.min().array().floor().matrix().cast<std::int64_t>(),
-                      place.max().array().floor().matrix().cast<std::int64_t>()});
+  const Eigen::AlignedBox2d rectangle = on_plane(box, cell_size(from) / cell_size(to));
+  return with_border({rectangle.min().array().floor().matrix().cast<std::int64_t>(),
+                      rectangle.max().array().floor().matrix().cast<std::int64_t>()});
 }
 
 // Returns the cells of the visible region, rounded to multiples of kCutCells.
-CellBox visible_cells(const Eigen::AlignedBox2d& seen, double cell) {
+CellBox visible_cells(const Eigen::AlignedBox2d& region, double cell) {
   const double step = cell * kCutCells;
-  const Eigen::Vector2d first = (seen.min() / step).array().floor();
-  const Eigen::Vector2d end = (seen.max() / step).array().floor() + 1.0;
+  const Eigen::Vector2d first = (region.min() / step).array().floor();
+  const Eigen::Vector2d end = (region.max() / step).array().floor() + 1.0;
   return {(kCutCells * first).cast<std::int64_t>(),
           (kCutCells * end).cast<std::int64_t>() - Eigen::Vector<std::int64_t, 2>(1, 1)};
 }
@@ -81,7 +81,7 @@ double cell_size(int half_octave) {
 }
 
 MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t max_side,
-                         const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen) {
+                         const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& visible) {
   MaskLayout layout;
   PartGroup all;
   for (std::size_t i = 0; i < bounds.size(); ++i) {
@@ -96,18 +96,18 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
     return layout;
   }
   layout.of_view = true;
-  std::vector<VisiblePart> of_part(bounds.size());
+  std::vector<VisiblePart> visible_parts(bounds.size());
   int finest = std::numeric_limits<int>::max();
   for (const std::size_t i : all.parts) {
-    of_part[i] = seen(on_plane(with_border(bounds[i]), cell_size(half_octave)));
-    if (!of_part[i].box.isEmpty()) finest = std::min(finest, of_part[i].half_octave);
+    visible_parts[i] = visible(on_plane(with_border(bounds[i]), cell_size(half_octave)));
+    if (!visible_parts[i].box.isEmpty()) finest = std::min(finest, visible_parts[i].half_octave);
   }
   if (finest == std::numeric_limits<int>::max()) return layout;
   for (int size = finest;; ++size) {
     layout.groups.clear();
     std::vector<CellBox> boxes(bounds.size());
     for (const std::size_t i : all.parts) {
-      if (of_part[i].box.isEmpty()) continue;
+      if (visible_parts[i].box.isEmpty()) continue;
       boxes[i] = with_border(in_cells_of(bounds[i], half_octave, size));
     }
     double cells = 0.0;
@@ -116,9 +116,9 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
       CellBox box = group.box;
       const bool cut = box.sizes().maxCoeff() >= kCellsOfWhole;
       if (cut) {
-        Eigen::AlignedBox2d of_group;
-        for (const std::size_t i : group.parts) of_group.extend(of_part[i].box);
-        box = box.intersection(visible_cells(of_group, cell_size(size)));
+        Eigen::AlignedBox2d visible_region;
+        for (const std::size_t i : group.parts) visible_region.extend(visible_parts[i].box);
+        box = box.intersection(visible_cells(visible_region, cell_size(size)));
         if (box.isEmpty()) continue;
       }
       const Eigen::Vector2d sides = box.sizes().cast<double>() + Eigen::Vector2d::Ones();

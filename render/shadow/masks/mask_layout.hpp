@@ -27,8 +27,8 @@ using CellBox = Eigen::AlignedBox<std::int64_t, 2>;
 
 // The part of a rectangle on the plane that is visible to a camera.
 struct VisiblePart {
-  Eigen::AlignedBox2d box;  // its bounds [m]; empty: not visible
-  int half_octave = 0;      // of the required cell size
+  Eigen::AlignedBox2d box;  // bounds [m]; empty: not visible
+  int half_octave = 0;      // required cell size: cell_size(half_octave)
 };
 
 // No part overlaps the cells of two masks, so at any point one mask has the darkest layer.
@@ -43,12 +43,12 @@ struct MaskLayout {
   bool of_view = false;  // depends on the visible region
   friend bool operator==(const MaskLayout&, const MaskLayout&) = default;
 };
-// Lays out one mask if all parts fit into one of moderate size, else one mask for each group of
+// Lays out one mask if all parts fit into a mask of moderate size, else one mask for each group of
 // overlapping parts. The mask of a large group is clipped to its visible region and has the cell
-// size that this region needs, or larger cells if there would be too many. `bounds`: of each part,
-// in cells of `half_octave`; `max_side`: maximum number of cells along a side of a mask.
+// size that this region needs, or larger cells if there would be too many. `bounds`: bounds of each
+// part in cells of `half_octave`; `max_side`: maximum number of cells along a side of a mask.
 [[nodiscard]] MaskLayout lay_out_masks(
     std::span<const CellBox> bounds, int half_octave, std::int64_t max_side,
-    const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen);
+    const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& visible);
 
 }  // namespace penumbra

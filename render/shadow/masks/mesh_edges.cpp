@@ -49,17 +49,17 @@ std::optional<std::vector<SharedEdge>> paired_edges(std::span<const std::uint32_
 
 std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::vec3> positions,
                                                          std::span<const std::uint32_t> indices) {
-  std::map<std::tuple<float, float, float>, std::uint32_t> places;
-  std::vector<std::uint32_t> place_of;
-  place_of.reserve(positions.size());
+  std::map<std::tuple<float, float, float>, std::uint32_t> distinct_positions;
+  std::vector<std::uint32_t> position_index;
+  position_index.reserve(positions.size());
   for (const glm::vec3& p : positions) {
-    const auto next = static_cast<std::uint32_t>(places.size());
-    place_of.push_back(places.try_emplace({p.x, p.y, p.z}, next).first->second);
+    const auto next = static_cast<std::uint32_t>(distinct_positions.size());
+    position_index.push_back(distinct_positions.try_emplace({p.x, p.y, p.z}, next).first->second);
   }
   std::vector<std::uint32_t> faces;
   for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
-    const std::array<std::uint32_t, 3> at = {place_of[indices[i]], place_of[indices[i + 1]],
-                                             place_of[indices[i + 2]]};
+    const std::array<std::uint32_t, 3> at = {
+        position_index[indices[i]], position_index[indices[i + 1]], position_index[indices[i + 2]]};
     if (at[0] == at[1] || at[1] == at[2] || at[2] == at[0]) continue;
     faces.insert(faces.end(), {indices[i], indices[i + 1], indices[i + 2]});
   }
@@ -69,8 +69,8 @@ std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::ve
   };
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::vector<Side>> sides;
   const auto edge_of = [&](std::size_t face, std::size_t corner) {
-    return std::pair(place_of[faces[3 * face + corner]],
-                     place_of[faces[3 * face + (corner + 1) % 3]]);
+    return std::pair(position_index[faces[3 * face + corner]],
+                     position_index[faces[3 * face + (corner + 1) % 3]]);
   };
   const std::size_t count = faces.size() / 3;
   for (std::size_t face = 0; face < count; ++face) {
@@ -83,24 +83,24 @@ std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::ve
   }
   enum class Turn : std::uint8_t { unknown, kept, turned };
   std::vector<Turn> turns(count, Turn::unknown);
-  std::vector<std::uint32_t> open;
+  std::vector<std::uint32_t> to_visit;
   for (std::size_t first = 0; first < count; ++first) {
     if (turns[first] != Turn::unknown) continue;
     turns[first] = Turn::kept;
-    open.push_back(static_cast<std::uint32_t>(first));
-    while (!open.empty()) {
-      const std::uint32_t face = open.back();
-      open.pop_back();
+    to_visit.push_back(static_cast<std::uint32_t>(first));
+    while (!to_visit.empty()) {
+      const std::uint32_t face = to_visit.back();
+      to_visit.pop_back();
       for (std::size_t corner = 0; corner < 3; ++corner) {
         const auto [a, b] = edge_of(face, corner);
         const std::vector<Side>& of_edge = sides.at(std::minmax(a, b));
         if (of_edge.size() < 2) continue;
         const Side& other = of_edge[of_edge[0].face == face ? 1 : 0];
-        const bool alike = of_edge[0].forward != of_edge[1].forward;
-        const Turn wanted = (turns[face] == Turn::kept) == alike ? Turn::kept : Turn::turned;
+        const bool agree = of_edge[0].forward != of_edge[1].forward;
+        const Turn wanted = (turns[face] == Turn::kept) == agree ? Turn::kept : Turn::turned;
         if (turns[other.face] == Turn::unknown) {
           turns[other.face] = wanted;
-          open.push_back(other.face);
+          to_visit.push_back(other.face);
         } else if (turns[other.face] != wanted) {
           return std::nullopt;
         }

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::int32_t kWhole = 1 << 17;  // a covered cell: twice its area in squared subcells
+constexpr std::int32_t kWhole = 1 << 17;  // twice the area of a cell [squared subcells]
 // kMaxSheets: number of sheets (overlapping faces over a cell) that a sum can hold.
 // kClampedSheets: sums are clamped to this to make room; it is large enough to make the rounding of
 // edges negligible.
@@ -26,18 +26,18 @@ void mask_values_of(const std::int32_t* umbra, const std::int32_t* middle,
                     const std::int32_t* penumbra, std::size_t count, float umbra_light,
                     float middle_light, float penumbra_light, std::uint8_t* __restrict codes) {
   for (std::size_t i = 0; i < count; ++i) {
-    const auto share = [](std::int32_t covered) {
+    const auto coverage = [](std::int32_t covered) {
       const std::int32_t area = covered < 0 ? -covered : covered;
       return static_cast<float>(area < kWhole ? area : kWhole) * (1.0F / kWhole);
     };
     // A layer lies within the next lighter one, and their edges coincide at contact with the plane.
     // The covered areas therefore overlap as far as possible.
-    const float dark = share(umbra[i]);
-    const float half = std::max(dark, share(middle[i]));
-    const float any = std::max(half, share(penumbra[i]));
-    const float left = 1.0F + any * (penumbra_light - 1.0F) +
-                       half * (middle_light - penumbra_light) + dark * (umbra_light - middle_light);
-    codes[i] = static_cast<std::uint8_t>(static_cast<std::int32_t>(255.0F * left + 0.5F));
+    const float dark = coverage(umbra[i]);
+    const float half = std::max(dark, coverage(middle[i]));
+    const float any = std::max(half, coverage(penumbra[i]));
+    const float sum = 1.0F + any * (penumbra_light - 1.0F) +
+                      half * (middle_light - penumbra_light) + dark * (umbra_light - middle_light);
+    codes[i] = static_cast<std::uint8_t>(static_cast<std::int32_t>(255.0F * sum + 0.5F));
   }
 }
 
@@ -63,9 +63,9 @@ struct RowSums {
     steps += cells;
     touched += cells;
   }
-  // Adds the part of an edge that lies in one cell. `places`: twice its mean position in the cell.
-  void add(std::int64_t cell, std::int64_t rise, std::int64_t places) const {
-    const auto area = static_cast<std::int32_t>(rise * places);
+  // Adds the part of an edge that lies in one cell. `twice_u`: twice its mean u in the cell.
+  void add(std::int64_t cell, std::int64_t rise, std::int64_t twice_u) const {
+    const auto area = static_cast<std::int32_t>(rise * twice_u);
     const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kSubcells * rise);
     steps[cell][layer] += sign * (whole - area);
     steps[cell + 1][layer] += sign * area;
@@ -141,16 +141,16 @@ void MaskRaster::begin(const MaskCells& cells) {
 
 void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
                        std::span<const SharedEdge> edges) {
-  const CellBox own(Position(cells_.u, cells_.v),
-                    Position(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
+  const CellBox mask_box(Position(cells_.u, cells_.v),
+                         Position(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
   // Outside the mask, the edges of a closed outline cancel.
-  if (!own.intersects(caster.bounds_)) return;
+  if (!mask_box.intersects(caster.bounds_)) return;
   const std::vector<MaskCaster::Images>& images = caster.images_;
-  std::vector<std::uint8_t>& turned = caster.counter_clockwise_;
-  turned.resize(indices.size() / 3);
+  std::vector<std::uint8_t>& ccw = caster.counter_clockwise_;
+  ccw.resize(indices.size() / 3);
   const auto wanted = static_cast<std::uint8_t>(
       (caster.wanted_[0] ? 1 : 0) | (caster.wanted_[1] ? 2 : 0) | (caster.wanted_[2] ? 4 : 0));
-  for (std::size_t face = 0; face < turned.size(); ++face) {
+  for (std::size_t face = 0; face < ccw.size(); ++face) {
     const MaskCaster::Images& a = images[indices[3 * face]];
     const MaskCaster::Images& b = images[indices[3 * face + 1]];
     const MaskCaster::Images& c = images[indices[3 * face + 2]];
@@ -162,14 +162,13 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
     }
     const unsigned bits =
         (area[0] > 0.0F ? 1U : 0U) | (area[1] > 0.0F ? 2U : 0U) | (area[2] > 0.0F ? 4U : 0U);
-    turned[face] = static_cast<std::uint8_t>(bits & wanted);
+    ccw[face] = static_cast<std::uint8_t>(bits & wanted);
   }
   // At any point, half of the faces are counter-clockwise, and half of the outline edges go up.
-  std::size_t sheets = (turned.size() + 1) / 2;
+  std::size_t sheets = (ccw.size() + 1) / 2;
   if (sheets > kSheetsAtOnce) {
-    const auto outlines = std::ranges::count_if(edges, [&turned](const SharedEdge& edge) {
-      return turned[edge.forward] != turned[edge.back];
-    });
+    const auto outlines = std::ranges::count_if(
+        edges, [&ccw](const SharedEdge& edge) { return ccw[edge.forward] != ccw[edge.back]; });
     sheets = std::min(sheets, (static_cast<std::size_t>(outlines) + 1) / 2);
   }
   const Position first = MaskCaster::kSubcells * (caster.first_ - Position(cells_.u, cells_.v));
@@ -222,16 +221,16 @@ void MaskRaster::cover_counter_clockwise(const MaskCaster& caster,
   }
 }
 
-void MaskRaster::cover_faces(std::span<const Position> places, std::size_t layer,
+void MaskRaster::cover_faces(std::span<const Position> points, std::size_t layer,
                              const Position& first) {
   std::size_t room_for = 0;
-  for (std::size_t i = 0; i + 2 < places.size(); i += 3) {
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
     if (i == room_for) {
-      const std::size_t sheets = std::min(kSheetsAtOnce, (places.size() - i) / 3);
+      const std::size_t sheets = std::min(kSheetsAtOnce, (points.size() - i) / 3);
       make_room(layer, sheets);
       room_for += 3 * sheets;
     }
-    std::array<Position, 3> p = {first + places[i], first + places[i + 1], first + places[i + 2]};
+    std::array<Position, 3> p = {first + points[i], first + points[i + 1], first + points[i + 2]};
     const Position b = p[1] - p[0];
     const Position c = p[2] - p[0];
     const std::int64_t area = b.x() * c.y() - c.x() * b.y();
@@ -259,12 +258,12 @@ void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Positio
 }
 
 // Covers closed lines, which add one sheet: none lies inside another of the same orientation.
-void MaskRaster::cover_lines(std::span<const Position> places, std::size_t layer,
+void MaskRaster::cover_lines(std::span<const Position> points, std::size_t layer,
                              const Position& first) {
-  if (places.empty()) return;
+  if (points.empty()) return;
   make_room(layer, 1);
-  for (std::size_t i = 0; i + 1 < places.size(); i += 2)
-    add_edge(steps_, layer, first + places[i], first + places[i + 1]);
+  for (std::size_t i = 0; i + 1 < points.size(); i += 2)
+    add_edge(steps_, layer, first + points[i], first + points[i + 1]);
 }
 
 void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
@@ -276,26 +275,26 @@ void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
 // Clamps sums to kClampedSheets; covered cells stay covered.
 void MaskRaster::clamp_sums() {
   static constexpr auto kMaxSum = static_cast<std::int32_t>(kClampedSheets) * kWhole;
-  const auto settle_row = [](std::array<std::int32_t, 4>* steps,
-                             std::span<const std::uint8_t> touched) {
+  const auto clamp_row = [](std::array<std::int32_t, 4>* steps,
+                            std::span<const std::uint8_t> touched) {
     std::array<std::int32_t, 3> sum{};
     std::array<std::int32_t, 3> before{};
     for_each_set(touched, [&](std::size_t i) {
       for (std::size_t layer = 0; layer < 3; ++layer) {
         sum[layer] += steps[i][layer];
-        const std::int32_t held = std::clamp(sum[layer], -kMaxSum, kMaxSum);
-        steps[i][layer] = held - before[layer];
-        before[layer] = held;
+        const std::int32_t clamped = std::clamp(sum[layer], -kMaxSum, kMaxSum);
+        steps[i][layer] = clamped - before[layer];
+        before[layer] = clamped;
       }
     });
   };
   for (std::size_t row = 0; row < static_cast<std::size_t>(cells_.height); ++row) {
     const std::size_t begin = row * row_cells_;
     const auto touched = std::span(touched_).subspan(begin, row_cells_);
-    settle_row(&steps_[begin], touched);
-    if (has_back_) settle_row(&back_[begin], touched);
+    clamp_row(&steps_[begin], touched);
+    if (has_back_) clamp_row(&back_[begin], touched);
   }
-  for (std::size_t& held : sheets_) held = std::min(held, kClampedSheets);
+  for (std::size_t& clamped : sheets_) clamped = std::min(clamped, kClampedSheets);
 }
 
 void MaskRaster::cover(const MaskCover& cover) {
@@ -357,7 +356,7 @@ void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Position& from, 
   };
   const std::int64_t last = row_of(down ? v1 - 1 : v1);
   std::int64_t row = row_of(down ? v0 : v0 - 1);
-  // Rise from `from` to the borders of the row, and the positions there.
+  // `border`: rise from `from` to the row's far border. `before`, `begin`: rise and u of its entry.
   std::int64_t border = step * (MaskCaster::kSubcells * (down ? row : row + 1) - v0);
   std::int64_t before = std::max<std::int64_t>(border, 0);
   const auto u_at = [&](std::int64_t height) { return u0 + quotient((u1 - u0) * height, rise); };

@@ -34,13 +34,13 @@ class MaskRaster {
   // Starts a mask without coverage.
   void begin(const MaskCells& cells);
   // Covers the layers of a caster that was projected onto cells of this size. `indices`, `edges`:
-  // faces and edges of its mesh. Layers that it got as triangles or outlines are covered as well.
-  // A cell gets bit for bit the same value as in a larger mask.
+  // faces and edges of its mesh. Layers that the caster got as triangles or outlines are covered as
+  // well. A cell gets bit for bit the same value as in a larger mask.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
              std::span<const SharedEdge> edges);
   // Adds a cover, which must lie within the mask's cells.
   void cover(const MaskCover& cover);
-  // Moves all that was covered since begin() to `cover`.
+  // Moves the coverage added since begin() to `cover`.
   void take(MaskCover& cover);
   // Writes the factor on the encoded video value for each cell, 0 to 255, row by row. The darkest
   // layer over a point counts; cells on an edge get an area-weighted mean. `light`:
@@ -55,13 +55,13 @@ class MaskRaster {
   using Steps = std::vector<std::array<std::int32_t, 4>>;
   using Position = MaskCaster::Position;  // here relative to the mask's corner
 
-  // `first`: origin of the caster's positions.
+  // `first`: origin of the caster's positions, from the mask's corner [1/256 cell].
   void cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
                       const Position& first);
   void cover_counter_clockwise(const MaskCaster& caster, std::span<const std::uint32_t> indices,
                                const Position& first);
-  void cover_faces(std::span<const Position> places, std::size_t layer, const Position& first);
-  void cover_lines(std::span<const Position> places, std::size_t layer, const Position& first);
+  void cover_faces(std::span<const Position> points, std::size_t layer, const Position& first);
+  void cover_lines(std::span<const Position> points, std::size_t layer, const Position& first);
   void add_face(Steps& to, std::size_t layer, const std::array<Position, 3>& corners);
   // `sign` -1: reverses the edge.
   void add_edge(Steps& sums, std::size_t layer, const Position& from, const Position& to,
@@ -84,10 +84,9 @@ class MaskRaster {
   std::array<std::size_t, 3> sheets_{};  // maximum number of faces over a cell, per layer
   std::vector<std::uint8_t> touched_;    // 1 for each step changed by an edge
   std::size_t row_cells_ = 0;            // cells per row of steps_, back_ and touched_
-  // In one row: the touched cells, the area each layer covers from there on, and the mask values.
-  std::vector<std::uint32_t> changed_;
-  std::array<std::vector<std::int32_t>, 3> covered_;
-  std::vector<std::uint8_t> changed_codes_;
+  std::vector<std::uint32_t> changed_;   // touched cells of a row
+  std::array<std::vector<std::int32_t>, 3> covered_;  // area that a layer covers from each cell on
+  std::vector<std::uint8_t> changed_codes_;           // mask values from each touched cell on
 };
 
 }  // namespace penumbra
