@@ -43,8 +43,8 @@ enum class LayerDrawing {
   automatic,
   // The GPU projects the caster's faces once for each layer; fields are textures.
   direct,
-  // One image of all layers: from silhouettes of closed casters, faces of open or clipped ones, and
-  // outlines of fields. Falls back to `direct` if the orientation of faces is unknown.
+  // One image of all layers: from silhouettes of closed casters, faces of open or clipped
+  // casters, and outlines of fields. Falls back to `direct` if the orientation of faces is unknown.
   mask,
 };
 inline constexpr auto kLayerDrawingNames =
@@ -52,7 +52,7 @@ inline constexpr auto kLayerDrawingNames =
                                            {LayerDrawing::direct, "direct"},
                                            {LayerDrawing::mask, "mask"}});
 
-// Number of pixels of the screen-door pattern, which has one density per pixel.
+// Number of pixels of the 4 x 4 screen-door pattern.
 inline constexpr int kScreenDoorPixels = 16;
 
 }  // namespace penumbra

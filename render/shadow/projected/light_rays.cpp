@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-// Vertices nearer to a chosen one than this fraction of the model's size are the same corner.
+// Vertices nearer to a marked vertex than this fraction of the model's size are the same corner.
 constexpr double kSameCorner = 1e-4;
 
 // Returns a colour distinct from those of adjacent indices: hues advance by the golden ratio.
@@ -25,7 +25,7 @@ glm::vec3 color_of(std::size_t index) {
   return {channel(0.0), channel(2.0), channel(4.0)};
 }
 
-// Even-odd rule.
+// Returns true if p is inside the outline, by the even-odd rule.
 bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) {
   bool in = false;
   for (std::size_t i = 0; i < outline.size(); ++i) {
@@ -37,7 +37,7 @@ bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) 
   return in;
 }
 
-// Returns the shadow of a point on the plane, or nullopt if it has none there.
+// Returns the shadow of a point on the plane, or nullopt if it has no shadow on the plane.
 std::optional<Eigen::Vector3d> shadow_on(const RayReceiver& plane, const Eigen::Vector4d& light,
                                          const Eigen::Vector3d& point) {
   const double height = light_height(plane.frame, light);
@@ -56,7 +56,7 @@ std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t limit)
   struct Candidate {
     MarkedVertex vertex;
     bool colored = false;
-    double nearest = std::numeric_limits<double>::infinity();  // to the chosen ones, squared
+    double nearest = std::numeric_limits<double>::infinity();  // to the marked vertices, squared
   };
   std::vector<Candidate> candidates;
   for (const Mesh& mesh : model.meshes) {
@@ -107,10 +107,10 @@ std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
     if (!vertex.allFinite()) continue;
     std::optional<Eigen::Vector3d> shadow;
     for (const RayReceiver& plane : planes) {
-      const auto onto = shadow_on(plane, light, vertex);
-      if (!onto) continue;
-      if (!shadow || (*onto - vertex).squaredNorm() < (*shadow - vertex).squaredNorm()) {
-        shadow = onto;
+      const auto candidate = shadow_on(plane, light, vertex);
+      if (!candidate) continue;
+      if (!shadow || (*candidate - vertex).squaredNorm() < (*shadow - vertex).squaredNorm()) {
+        shadow = candidate;
       }
     }
     if (!shadow) continue;

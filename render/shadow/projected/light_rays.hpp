@@ -30,9 +30,9 @@ struct RayReceiver {
   PlaneFrame frame;
   std::span<const Eigen::Vector2d> outline;  // empty: infinite
 };
-struct LightRay {
-  Eigen::Vector3d from;    // position of the light; parallel light: a point towards it
-  Eigen::Vector3d vertex;  // all three: table frame [m]
+struct LightRay {        // points: table frame [m]
+  Eigen::Vector3d from;  // position of the light; parallel light: a point towards it
+  Eigen::Vector3d vertex;
   Eigen::Vector3d shadow;
   glm::vec3 color;
 };

@@ -12,13 +12,13 @@
 
 namespace penumbra {
 
-// Lights are homogeneous (x, y, z, w): a position (w = 1) or the direction towards it (w = 0).
+// Lights are homogeneous (x, y, z, w): a position (w = 1) or the direction to the light (w = 0).
 // Returns the light's height above the plane [m] or, if parallel, its direction's component along
 // the normal. The light casts shadows on the plane if the result is > 0.
 [[nodiscard]] double light_height(const PlaneFrame& plane, const Eigen::Vector4d& light);
 // Returns the range of heights that cast shadows, to which faces are clipped.
 [[nodiscard]] HeightRange hard_shadow_range(const PlaneFrame& plane, const Eigen::Vector4d& light);
-// Returns the shadow of a point (u, v, h) within that range.
+// Returns the shadow of a point (u, v, h) within hard_shadow_range().
 [[nodiscard]] Eigen::Vector2d shadow_point(const PlaneFrame& plane, const Eigen::Vector4d& light,
                                            const Eigen::Vector3d& point);
 

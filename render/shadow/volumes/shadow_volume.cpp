@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-// Distance of the far end below a floor, so that rounding does not lift it above [m].
+// Distance of the volume's far end below a floor, so that rounding does not lift the end above [m].
 constexpr double kUnderFloor = 0.02;
 // The volume of a caster farther away than this fraction of the reach may be too short.
 constexpr double kFarCaster = 0.5;
@@ -30,7 +30,7 @@ struct VolumeLight {
   }
 
   bool local;
-  Eigen::Vector3d from;  // its position, or the direction towards it
+  Eigen::Vector3d from;  // the light's position, or the direction towards the light
 };
 
 // Returns t >= 0 with |p + t d| = radius, or 0 if p is outside the sphere.
@@ -67,15 +67,15 @@ class LightGrid {
     Eigen::AlignedBox2d box;
     for (std::size_t i = 0; i < points.size(); ++i) {
       const Eigen::Vector3d p = light.local ? light.away(points[i]) : points[i];
-      Eigen::Vector2d seen(right.dot(p), up.dot(p));
+      Eigen::Vector2d projected(right.dot(p), up.dot(p));
       if (light.local) {
         // Projects by the angle from the axis, which covers all directions. Edges are slightly
         // curved, which changes the counts little: triangles are small or few.
-        const double beside = seen.norm();
-        seen *= beside > 0.0 ? std::atan2(beside, forward.dot(p)) / beside : 0.0;
+        const double radius = projected.norm();
+        projected *= radius > 0.0 ? std::atan2(radius, forward.dot(p)) / radius : 0.0;
       }
-      at_.push_back(seen);
-      if (used[i]) box.extend(seen);
+      at_.push_back(projected);
+      if (used[i]) box.extend(projected);
     }
     if (box.isEmpty()) return;
     const double size = std::max(box.sizes().maxCoeff(), 1e-12);
@@ -121,7 +121,7 @@ class LightGrid {
 // The end of the volume: p + t (p - L), or p - t L for a parallel light. A common factor t for all
 // points keeps the shape of the light's cone.
 struct VolumeEnd {
-  double t = 0.0;  // there is no volume unless it is finite and positive
+  double t = 0.0;  // finite and positive, else there is no volume
   bool above_floors = false;
 };
 VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector<bool>& used,
@@ -143,7 +143,7 @@ VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector
           std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
     }
   }
-  // If the caster is near the table, the sphere may end the volume: the floor is outside it.
+  // Near the table, the sphere may end the volume, because the floor is then outside the sphere.
   const bool above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
                             farthest > kFarCaster * reach;
   return {std::min(to_floors, to_sphere), above_floors};
@@ -207,9 +207,8 @@ bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
   const double far = to_receiver.norm();
   if (near <= caster.radius || far <= receiver.radius) return true;
   if (far + receiver.radius < near - caster.radius) return false;  // nearer to the light
-  const double between =
-      std::atan2(to_caster.cross(to_receiver).norm(), to_caster.dot(to_receiver));
-  return between <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
+  const double angle = std::atan2(to_caster.cross(to_receiver).norm(), to_caster.dot(to_receiver));
+  return angle <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
 }
 
 VolumeCaster::LitFaces VolumeCaster::lit_faces(std::span<const Eigen::Vector3d> near,
@@ -228,11 +227,11 @@ VolumeCaster::LitFaces VolumeCaster::lit_faces(std::span<const Eigen::Vector3d> 
     if (!needed[part]) continue;
     // A light in the plane of the face does not light it.
     const double facing = outward_sign_[part] * normal.dot(to_light);
-    const double least = 1e-9 * normal.norm() * to_light.norm();
-    if (facing > least) {
+    const double tolerance = 1e-9 * normal.norm() * to_light.norm();
+    if (facing > tolerance) {
       lit.turn[face] = outward_sign_[part] > 0.0 ? 1 : -1;
       ++lit.by_part[part];
-    } else if (facing < -least) {
+    } else if (facing < -tolerance) {
       ++turned_away[part];
       if (!closed_[part]) {
         lit.turn[face] = -1;
@@ -290,8 +289,8 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
   for (std::size_t part = 0; part < needed.size() && !receivers.empty(); ++part) {
     const BoundingSphere ball{T_table_object * spheres_[part].middle,
                               T_table_object.scale * spheres_[part].radius};
-    needed[part] = std::ranges::any_of(receivers, [&](const BoundingSphere& other) {
-      return may_shadow(homogeneous_light, ball, other);
+    needed[part] = std::ranges::any_of(receivers, [&](const BoundingSphere& receiver) {
+      return may_shadow(homogeneous_light, ball, receiver);
     });
   }
   ShadowVolume result;
@@ -319,16 +318,16 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
 
   std::vector<int> silhouette(edges_.size(), 0);
   // Up to kMaxVolumesCounted lit faces can't overlap too often.
-  std::size_t all_lit = 0;
-  for (const int count : lit.by_part) all_lit += static_cast<std::size_t>(count);
+  std::size_t lit_count = 0;
+  for (const int count : lit.by_part) lit_count += static_cast<std::size_t>(count);
   std::optional<LightGrid> grid;
-  if (all_lit > kMaxVolumesCounted) grid.emplace(near, used, light);
+  if (lit_count > kMaxVolumesCounted) grid.emplace(near, used, light);
   for (std::size_t part = 0; part < lit.by_part.size(); ++part) {
     if (lit.by_part[part] == 0) continue;
-    const std::span<const std::uint32_t> own = faces_by_part_[part];
+    const std::span<const std::uint32_t> part_faces = faces_by_part_[part];
     if (grid) {
       const auto cover = [&] {
-        for (const std::uint32_t face : own) {
+        for (const std::uint32_t face : part_faces) {
           if (lit.turn[face] == 0) continue;
           grid->cover(indices_[3 * face], indices_[3 * face + 1], indices_[3 * face + 2]);
         }
@@ -341,14 +340,14 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
         cover();
       }
     }
-    add_part(own, lit.turn, ends, silhouette, result.triangles);
+    add_part(part_faces, lit.turn, ends, silhouette, result.triangles);
   }
   if (!result.triangles.empty()) result.batch_ends.push_back(result.triangles.size());
   return result;
 }
 
-// Like VolumeCaster::volume(), ends at the sphere or below the floors. The distance to a floor is a
-// quotient of two linear functions, so its maximum is at a corner of the hull.
+// The volume ends at the sphere or below the floors, as in VolumeCaster::volume(). The distance to
+// a floor is a quotient of two linear functions, so its maximum is at a corner of the hull.
 std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
                                             const Eigen::Vector4d& homogeneous_light,
                                             std::span<const PlaneFrame> floors, double reach) {
@@ -387,14 +386,14 @@ std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, d
   constexpr auto kNear_m = static_cast<float>(kSplitNear_m);
   constexpr auto kShare = static_cast<float>(kSplitShare);
   const auto middle = [](const glm::vec3& a, const glm::vec3& b) { return 0.5F * (a + b); };
-  const auto nothing = [](const glm::vec3&, const glm::vec3&, const glm::vec3&) { return false; };
-  return split_within_budget(triangles, [&](double times) {
-    const auto coarser = static_cast<float>(times);
+  const auto never = [](const glm::vec3&, const glm::vec3&, const glm::vec3&) { return false; };
+  return split_within_budget(triangles, [&](double factor) {
+    const auto coarser = static_cast<float>(factor);
     const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
       return glm::length(a - b) /
              (coarser * std::max(longest, kShare * (glm::length(middle(a, b)) - kNear_m)));
     };
-    return split_triangles(triangles, excess, middle, nothing, max_triangles);
+    return split_triangles(triangles, excess, middle, never, max_triangles);
   });
 }
 

@@ -46,7 +46,7 @@ class VolumeCaster {
   // below each of `floors` (infinite planes), but no farther than the sphere of radius `reach` [m]
   // about the table's origin, which contains all receivers. Skips parts that cast no shadow onto
   // any of `receivers`, unless `receivers` is empty. Returns an empty volume if an input is not
-  // finite or the light is below all faces.
+  // finite or no face is lit.
   [[nodiscard]] ShadowVolume volume(const Placement& T_table_object,
                                     const Eigen::Vector4d& homogeneous_light,
                                     std::span<const PlaneFrame> floors, double reach,
@@ -62,7 +62,7 @@ class VolumeCaster {
   };
 
   struct LitFaces {
-    // Per face: +1 if it is used as it is, -1 if it is used with reversed orientation, 0 if unused.
+    // Per face: 1 if it is used unchanged, -1 if it is used with reversed orientation, 0 if unused.
     std::vector<int> turn;
     std::vector<int> by_part;  // number of faces used per part
     bool light_inside = false;
@@ -75,7 +75,7 @@ class VolumeCaster {
   [[nodiscard]] LitFaces lit_faces(std::span<const Eigen::Vector3d> near,
                                    const std::vector<bool>& needed,
                                    const Eigen::Vector4d& homogeneous_light) const;
-  // Adds the triangles of one part. `silhouette`: scratch memory, 0 for each edge before and after.
+  // Adds the triangles of one part. `silhouette`: scratch memory, 0 per edge before and after.
   void add_part(std::span<const std::uint32_t> part, const std::vector<int>& turn, const Ends& ends,
                 std::vector<int>& silhouette, std::vector<glm::vec3>& triangles) const;
 
@@ -93,7 +93,7 @@ class VolumeCaster {
 };
 
 // Returns points whose convex hull contains the volume of any caster in the hull of `points`, table
-// frame [m]; floors and reach as above. Empty if the volume is unbounded, as with the light inside.
+// frame [m]; floors and reach: see volume(). Empty for unbounded volumes, as with the light inside.
 [[nodiscard]] std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
                                                           const Eigen::Vector4d& homogeneous_light,
                                                           std::span<const PlaneFrame> floors,
