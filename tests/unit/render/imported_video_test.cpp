@@ -1,5 +1,5 @@
 // Frames that the GPU reads from the camera's buffers equal copied frames bit for bit. Whether a
-// layout is imported depends on the driver; Mesa's llvmpipe imports since 24.3.
+// pixel format is imported depends on the driver; Mesa's llvmpipe imports since 24.3.
 #include <gtest/gtest.h>
 #include <sys/mman.h>
 #include <unistd.h>

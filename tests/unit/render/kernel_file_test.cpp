@@ -37,12 +37,12 @@ TEST(KernelFile, IsRejectedForReorderedVertices) {
   auto other = folder.obj(kReordered);
   ASSERT_TRUE(same && other);
   EXPECT_EQ(geometry_key(*same), geometry_key(*other)) << "their surfaces are the same";
-  const auto taken = attach_kernels(*same, *kernels, "kernels.json");
-  ASSERT_TRUE(taken) << taken.error().message;
-  EXPECT_TRUE(*taken);
-  const auto refused = attach_kernels(*other, *kernels, "kernels.json");
-  ASSERT_TRUE(refused) << refused.error().message;
-  EXPECT_FALSE(*refused);
+  const auto attached = attach_kernels(*same, *kernels, "kernels.json");
+  ASSERT_TRUE(attached) << attached.error().message;
+  EXPECT_TRUE(*attached);
+  const auto rejected = attach_kernels(*other, *kernels, "kernels.json");
+  ASSERT_TRUE(rejected) << rejected.error().message;
+  EXPECT_FALSE(*rejected);
   ASSERT_EQ(other->warnings.size(), 1U);
   EXPECT_THAT(other->warnings[0], HasSubstr("was made before the model \"model\" changed"));
 }
@@ -54,9 +54,9 @@ TEST(KernelFile, AcceptsFileWithoutVertexOrder) {
   KernelFile kernels = kernel_file_for(*model);
   kernels.vertex_order.clear();
   kernels.geometry.clear();
-  const auto taken = attach_kernels(*model, kernels, "kernels.json");
-  ASSERT_TRUE(taken) << taken.error().message;
-  EXPECT_TRUE(*taken);
+  const auto attached = attach_kernels(*model, kernels, "kernels.json");
+  ASSERT_TRUE(attached) << attached.error().message;
+  EXPECT_TRUE(*attached);
 }
 
 }  // namespace

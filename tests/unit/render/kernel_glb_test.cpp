@@ -99,16 +99,16 @@ void expect_kernels_as_made(const Model& model, double tolerance_m = 1e-6) {
   for (const Mesh& mesh : model.meshes) {
     ASSERT_EQ(mesh.shadow_kernels.size(), mesh.positions.size());
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-      const glm::vec3 kept = mesh.shadow_kernels[i];
+      const glm::vec3 loaded = mesh.shadow_kernels[i];
       const glm::vec3 expected = made.kernels[mesh.source_vertex[i]];
-      for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(kept[axis], expected[axis], tolerance_m);
+      for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(loaded[axis], expected[axis], tolerance_m);
       ++count;
     }
   }
   EXPECT_GT(count, 0U);
 }
 
-// Stores the glTF file's kernels as .glb and as .json.
+// Stores a glTF file's kernels as .json and in `glb`, and expects that both load unchanged.
 void expect_both_forms(const fs::path& file, const fs::path& glb) {
   const Result<Model> model = load_model(file);
   ASSERT_TRUE(model) << model.error().message;
@@ -118,9 +118,9 @@ void expect_both_forms(const fs::path& file, const fs::path& glb) {
   std::ofstream(json) << kernel_file_json(kernels);
   const Result<KernelFile> read = load_kernel_file(json);
   ASSERT_TRUE(read);
-  const Result<bool> taken = attach_kernels(with_file, *read, "kernels.json");
-  ASSERT_TRUE(taken) << taken.error().message;
-  EXPECT_TRUE(*taken);
+  const Result<bool> attached = attach_kernels(with_file, *read, "kernels.json");
+  ASSERT_TRUE(attached) << attached.error().message;
+  EXPECT_TRUE(*attached);
   expect_kernels_as_made(with_file);
   const auto written = add_kernels_to_gltf(file, kernels);
   ASSERT_TRUE(written) << written.error().message;
@@ -171,14 +171,14 @@ TEST_F(KernelGlb, ConvertsInstancesToNodesWithSeparateKernels) {
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
   maker.json["meshes"].push_back({{"primitives", {box}}});
-  const std::size_t places =
+  const std::size_t translations =
       maker.add<float>({0.3F, 0, 0, 0, 0.2F, 0, 0, 0, -0.4F}, 5126, "VEC3", 3);
   const std::size_t scales = maker.add<float>({1, 1, 1, 2, 1, 1, 1, 1, 0.5F}, 5126, "VEC3", 3);
   maker.json["nodes"] = Json::parse(
       R"([{"mesh": 0, "rotation": [0, 0.3826834, 0, 0.9238795], "children": [1]},
           {"mesh": 0, "translation": [0, 0.4, 0]}])");
   maker.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {
-      {"TRANSLATION", places}, {"SCALE", scales}};
+      {"TRANSLATION", translations}, {"SCALE", scales}};
   maker.json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
   const fs::path glb = folder() / "kept.glb";
@@ -247,11 +247,11 @@ TEST_F(KernelGlb, DropsHiddenInstance) {
   ASSERT_TRUE(model) << model.error().message;
   const auto written = add_kernels_to_gltf(file, kernels_of(*model));
   ASSERT_TRUE(written) << written.error().message;
-  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
-  ASSERT_TRUE(kept) << kept.error().message;
-  EXPECT_EQ(geometry_key(*kept), geometry_key(*model));
-  EXPECT_THAT(kept->warnings, IsEmpty());
-  expect_kernels_as_made(*kept);
+  const Result<Model> reloaded = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(reloaded) << reloaded.error().message;
+  EXPECT_EQ(geometry_key(*reloaded), geometry_key(*model));
+  EXPECT_THAT(reloaded->warnings, IsEmpty());
+  expect_kernels_as_made(*reloaded);
 }
 
 TEST_F(KernelGlb, AllowsMissingUnusedBuffers) {
@@ -345,14 +345,14 @@ TEST_F(KernelGlb, ConvertsObjWithLatin1NamesAndImageToMetres) {
   EXPECT_THAT(written->warnings, IsEmpty());
   fs::create_directory(folder() / "elsewhere");
   const fs::path glb = write("elsewhere/kept.glb", written->bytes);
-  const Result<Model> kept = load_model(glb);
-  ASSERT_TRUE(kept) << kept.error().message;
-  EXPECT_THAT(kept->warnings, IsEmpty());
-  EXPECT_NEAR(kept->max_corner.x, 0.064, 1e-7);
-  ASSERT_EQ(kept->textures.size(), 1U);
-  EXPECT_EQ(kept->textures[0].rgba, rgba);
-  EXPECT_EQ(kept->materials[0].name, "gr\xC3\xBCn");
-  expect_kernels_as_made(*kept);
+  const Result<Model> reloaded = load_model(glb);
+  ASSERT_TRUE(reloaded) << reloaded.error().message;
+  EXPECT_THAT(reloaded->warnings, IsEmpty());
+  EXPECT_NEAR(reloaded->max_corner.x, 0.064, 1e-7);
+  ASSERT_EQ(reloaded->textures.size(), 1U);
+  EXPECT_EQ(reloaded->textures[0].rgba, rgba);
+  EXPECT_EQ(reloaded->materials[0].name, "gr\xC3\xBCn");
+  expect_kernels_as_made(*reloaded);
   // The embedded image equals the image file byte for byte.
   const Json json = json_of(glb);
   EXPECT_EQ(json["bufferViews"][json["images"][0]["bufferView"].get<std::size_t>()]["byteLength"],
@@ -367,11 +367,11 @@ TEST_F(KernelGlb, KeepsPositionOfObjFarFromOrigin) {
   ASSERT_FALSE(model->origin.isZero(0.0));
   const auto written = make_glb_with_kernels(*model, kernels_of(*model));
   ASSERT_TRUE(written) << written.error().message;
-  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
-  ASSERT_TRUE(kept) << kept.error().message;
-  EXPECT_THAT(kept->warnings, IsEmpty());
-  EXPECT_LT((kept->origin - model->origin).norm(), 1e-6);
-  expect_kernels_as_made(*kept);
+  const Result<Model> reloaded = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(reloaded) << reloaded.error().message;
+  EXPECT_THAT(reloaded->warnings, IsEmpty());
+  EXPECT_LT((reloaded->origin - model->origin).norm(), 1e-6);
+  expect_kernels_as_made(*reloaded);
 }
 
 TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
@@ -379,7 +379,7 @@ TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
   maker.json["meshes"].push_back({{"primitives", {box}}});
-  // The box as a file in millimetres would have it.
+  // The scale makes the box as large as in a file in millimetres.
   maker.json["nodes"] = Json::parse(R"([{"mesh": 0, "scale": [1000, 1000, 1000]}])");
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
   const fs::path file = maker.write(folder());
@@ -392,10 +392,10 @@ TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
   const auto written = add_kernels_to_gltf(file, kernels, 0.001);
   ASSERT_TRUE(written);
   const fs::path glb = write("kept.glb", written->bytes);
-  const Result<Model> kept = load_model(glb, {.unit_m = 0.001});
-  ASSERT_TRUE(kept);
-  EXPECT_EQ(kept->max_corner, model->max_corner);
-  expect_kernels_as_made(*kept);
+  const Result<Model> reloaded = load_model(glb, {.unit_m = 0.001});
+  ASSERT_TRUE(reloaded);
+  EXPECT_EQ(reloaded->max_corner, model->max_corner);
+  expect_kernels_as_made(*reloaded);
   const Result<Model> as_metres = load_model(glb);
   ASSERT_TRUE(as_metres);
   EXPECT_EQ(as_metres->max_corner, in_metres->max_corner);
@@ -420,11 +420,11 @@ TEST_F(KernelGlb, WritesModelWithLatin1Names) {
   ASSERT_TRUE(model) << model.error().message;
   const auto written = make_glb_with_kernels(*model, kernels_of(*model));
   ASSERT_TRUE(written) << written.error().message;
-  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
-  ASSERT_TRUE(kept) << kept.error().message;
-  expect_kernels_as_made(*kept);
-  ASSERT_FALSE(kept->nodes.empty());
-  EXPECT_EQ(kept->nodes[0].name, "T\xC3\xB6pfchen");
+  const Result<Model> reloaded = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(reloaded) << reloaded.error().message;
+  expect_kernels_as_made(*reloaded);
+  ASSERT_FALSE(reloaded->nodes.empty());
+  EXPECT_EQ(reloaded->nodes[0].name, "T\xC3\xB6pfchen");
 }
 
 }  // namespace

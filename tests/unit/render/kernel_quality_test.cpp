@@ -11,11 +11,11 @@ TEST(KernelQuality, ReachesRequiredIouWithAutomaticKernels) {
   if (all.cases().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   double sum[2] = {0.0, 0.0};
   for (const test::QualityCase& quality : all.cases()) {
-    std::size_t which = 0;
+    std::size_t layer_index = 0;
     for (const auto& [layer, key] : test::kJudgedLayers) {
-      const double reached = quality.kernel_iou(KernelSource::automatic, layer, key);
-      EXPECT_GE(reached, quality.number("required_iou", key)) << quality.name() << " " << key;
-      sum[which++] += reached / static_cast<double>(all.cases().size());
+      const double iou = quality.kernel_iou(KernelSource::automatic, layer, key);
+      EXPECT_GE(iou, quality.number("required_iou", key)) << quality.name() << " " << key;
+      sum[layer_index++] += iou / static_cast<double>(all.cases().size());
     }
   }
   EXPECT_GE(sum[0], 0.89);
@@ -27,12 +27,11 @@ TEST(KernelQuality, ReachesRequiredIouWithFields) {
   if (all.cases().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   double sum[2] = {0.0, 0.0};
   for (const test::QualityCase& quality : all.cases()) {
-    std::size_t which = 0;
+    std::size_t layer_index = 0;
     for (const auto& [layer, key] : test::kJudgedLayers) {
-      const double reached = quality.field_iou(layer, key);
-      EXPECT_GE(reached, quality.number("moonshot_iou", key) - 0.02)
-          << quality.name() << " " << key;
-      sum[which++] += reached / static_cast<double>(all.cases().size());
+      const double iou = quality.field_iou(layer, key);
+      EXPECT_GE(iou, quality.number("moonshot_iou", key) - 0.02) << quality.name() << " " << key;
+      sum[layer_index++] += iou / static_cast<double>(all.cases().size());
     }
   }
   EXPECT_GE(sum[0], 0.97);

@@ -81,14 +81,14 @@ TEST(LayerFactor, HasExactValuesAtContactUmbraHeightAndZenith) {
                            std::nextafter(static_cast<float>(constants.umbra_height), 1.0F)),
             0.0F);
   EXPECT_EQ(layer_factor(zenith, ShadowLayer::umbra, 0.4), 0.0);
-  // At H and above, the factor equals the one at the cap; it does not become negative.
+  // At H and above, the factor equals the factor at the cap; it does not become negative.
   EXPECT_NEAR(layer_factor(constants, ShadowLayer::middle, 2.0), 8.0, 1e-12);
 }
 
 TEST(LayerHeightRange, IsLimitedByCapAndUmbraHeight) {
-  const LayeredConstants usual = make_layered_constants(0.9, 3.0, 0.0).value();
-  EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::umbra).high, 0.3);
-  EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::middle).high, 0.9 * 7.0 / 8.0);
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  EXPECT_DOUBLE_EQ(layer_height_range(constants, ShadowLayer::umbra).high, 0.3);
+  EXPECT_DOUBLE_EQ(layer_height_range(constants, ShadowLayer::middle).high, 0.9 * 7.0 / 8.0);
   // If h_u is above the cap, the cap also limits the umbra.
   const LayeredConstants small = make_layered_constants(0.9, 1.05, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(small, ShadowLayer::umbra).high, 0.9 * 7.0 / 8.0);

@@ -78,7 +78,7 @@ TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   EXPECT_LT(worst_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
 }
 
-// The same frame in every pixel format of a camera, up to rounding.
+// The frame has the same YUV values in every pixel format of a camera.
 TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
   for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
     std::optional<VideoLight> expected;
@@ -140,16 +140,16 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   std::int64_t now = 5'000'000'000;
   const Color dim = Color::Constant(0.3);
   const Color bright(0.8, 0.7, 0.5);
-  double last = 0.0;
+  double previous = 0.0;
   double largest_step = 0.0;
   std::vector<Frame> noisy;
   for (unsigned seed = 1; seed <= 8; ++seed) noisy.push_back(rgb_frame(desk, dim, 0, 6.0, seed));
   for (std::size_t i = 0; i < 40; ++i, now += kFrame_ns) {
     Frame& frame = noisy[i % noisy.size()];
     frame.timestamp_ns = now;
-    const double seen = meter.measure(frame).on_table.y();
-    if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
-    last = seen;
+    const double measured = meter.measure(frame).on_table.y();
+    if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(measured / previous)));
+    previous = measured;
   }
   // On a bright surface, a change of 1 in 255 grey levels is a change of 2.2 / 255 = 0.0086 in
   // light.
@@ -157,9 +157,9 @@ TEST(LightMeter, FollowsLampButNotNoise) {
 
   const Color before = meter.measure(rgb_frame(desk, dim, now)).on_table;
   now += kFrame_ns;
-  const Color after_one = meter.measure(rgb_frame(desk, bright, now)).on_table;
-  EXPECT_GT(after_one.x(), before.x());
-  EXPECT_LT(after_one.x(), 0.5);
+  const Color after_one_frame = meter.measure(rgb_frame(desk, bright, now)).on_table;
+  EXPECT_GT(after_one_frame.x(), before.x());
+  EXPECT_LT(after_one_frame.x(), 0.5);
   for (int i = 0; i < 15; ++i) {
     now += kFrame_ns;
     meter.measure(rgb_frame(desk, bright, now));
@@ -235,7 +235,8 @@ TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
 TEST_F(LitSheet, UsesSceneLightWithoutVideoLight) {
   const Color a = shown(std::nullopt, 0.4, camera());
   EXPECT_GT(a.y(), 190.0);
-  // If the video light equals the scene's own, only the light from below changes.
+  // If the video light equals the scene's light, only the light from below changes. The sheet's top
+  // does not receive it.
   const Color sky = Color(0.35 * 1.08, 0.35 * 1.12, 0.35 * 1.18);
   EXPECT_EQ(shown(VideoLight{Color::Ones(), Color::Constant(0.2)}, 0.4, camera()), a)
       << sky.transpose();
