@@ -51,16 +51,18 @@ TEST(MarkedVertices, AreLimitedInNumberAndUseModelColours) {
 const std::vector<MarkedVertex> kOne = {{{0.1, 0.0, 0.2}, glm::vec3(1.0F)}};
 
 TEST(LightRays, PassThroughVertexToItsShadow) {
-  const auto local = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
-  ASSERT_EQ(local.size(), 1U);
-  EXPECT_EQ(local[0].from, Eigen::Vector3d(0.0, 0.0, 0.6));
-  EXPECT_EQ(local[0].vertex, kOne[0].position);
-  EXPECT_LT((local[0].shadow - Eigen::Vector3d(0.15, 0.0, 0.0)).norm(), 1e-12);
+  const auto from_point_light = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
+  ASSERT_EQ(from_point_light.size(), 1U);
+  EXPECT_EQ(from_point_light[0].from, Eigen::Vector3d(0.0, 0.0, 0.6));
+  EXPECT_EQ(from_point_light[0].vertex, kOne[0].position);
+  EXPECT_LT((from_point_light[0].shadow - Eigen::Vector3d(0.15, 0.0, 0.0)).norm(), 1e-12);
 
-  const auto parallel = light_rays(kOne, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
-  ASSERT_EQ(parallel.size(), 1U);
-  EXPECT_LT((parallel[0].shadow - Eigen::Vector3d(-0.1, 0.1, 0.0)).norm(), 1e-12);
-  const Eigen::Vector3d to_light = (parallel[0].from - parallel[0].vertex).normalized();
+  const auto from_parallel_light =
+      light_rays(kOne, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
+  ASSERT_EQ(from_parallel_light.size(), 1U);
+  EXPECT_LT((from_parallel_light[0].shadow - Eigen::Vector3d(-0.1, 0.1, 0.0)).norm(), 1e-12);
+  const Eigen::Vector3d to_light =
+      (from_parallel_light[0].from - from_parallel_light[0].vertex).normalized();
   EXPECT_LT((to_light - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
 }
 
@@ -80,16 +82,16 @@ TEST(LightRays, EndAtFirstPlaneTheyMeet) {
 }
 
 TEST(LightRays, AreOmittedWhereNoShadowIsCast) {
-  const auto through = [&](double z, const Eigen::Vector4d& light) {
+  const auto ray_count = [&](double z, const Eigen::Vector4d& light) {
     return light_rays(kOne, test::at(0.0, 0.0, z), light, {{kTable}}).size();
   };
-  EXPECT_EQ(through(0.0, {0.0, 0.0, 0.6, 1.0}), 1U);
-  EXPECT_EQ(through(0.5, {0.0, 0.0, 0.6, 1.0}), 0U) << "above the light: an antishadow";
-  EXPECT_EQ(through(0.4, {0.0, 0.0, 0.6, 1.0}), 0U) << "level with the light";
-  EXPECT_EQ(through(-0.3, {0.0, 0.0, 0.6, 1.0}), 0U) << "under the plane: a false shadow";
-  EXPECT_EQ(through(0.0, {0.0, 0.0, -0.6, 1.0}), 0U) << "light under the plane";
-  EXPECT_EQ(through(0.0, {0.0, 0.0, -1.0, 0.0}), 0U) << "light under the horizon";
-  EXPECT_EQ(through(0.0, {0.0, 0.0, std::nan(""), 1.0}), 0U);
+  EXPECT_EQ(ray_count(0.0, {0.0, 0.0, 0.6, 1.0}), 1U);
+  EXPECT_EQ(ray_count(0.5, {0.0, 0.0, 0.6, 1.0}), 0U) << "above the light: an antishadow";
+  EXPECT_EQ(ray_count(0.4, {0.0, 0.0, 0.6, 1.0}), 0U) << "level with the light";
+  EXPECT_EQ(ray_count(-0.3, {0.0, 0.0, 0.6, 1.0}), 0U) << "under the plane: a false shadow";
+  EXPECT_EQ(ray_count(0.0, {0.0, 0.0, -0.6, 1.0}), 0U) << "light under the plane";
+  EXPECT_EQ(ray_count(0.0, {0.0, 0.0, -1.0, 0.0}), 0U) << "light under the horizon";
+  EXPECT_EQ(ray_count(0.0, {0.0, 0.0, std::nan(""), 1.0}), 0U);
 }
 
 SceneBuilder lit_box() {
@@ -108,14 +110,14 @@ Frame grey() {
   return test::plain_frame(kSide, kSide, 128);
 }
 
-// Pixel of a point in the table frame.
+// Returns the pixel of a point in the table frame.
 Eigen::Vector2i pixel_of(const CameraModel& camera, const CameraPose& pose,
                          const Eigen::Vector3d& p) {
   const auto pixel = camera.project(pose.inverse() * p);
   return pixel->array().round().cast<int>();
 }
 
-// Colourfulness of a pixel. The video and the shadows are grey.
+// Returns the colourfulness of a pixel, which is 0 in the video and in shadows.
 int color_at(const RenderedImage& image, const Eigen::Vector2i& at) {
   const std::uint8_t* p = image.at(at.x(), at.y());
   return std::max({p[0], p[1], p[2]}) - std::min({p[0], p[1], p[2]});
@@ -257,30 +259,31 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
     plan.hard_shadows.clear();
     return studio.draw(grey(), plan);
   };
-  const RenderedImage one = drawn(Translucency::blend, 1);
-  const RenderedImage two = drawn(Translucency::blend, 2);
+  const RenderedImage one_light = drawn(Translucency::blend, 1);
+  const RenderedImage two_lights = drawn(Translucency::blend, 2);
   int dots = 0;
   for (const double x : {-0.04, 0.04}) {
     for (const double y : {-0.04, 0.04}) {
       const auto at = pixel_of(camera, kFromFront.T_table_camera, {x, y, 0.17});
-      if (color_at(one, at) < 20) continue;
+      if (color_at(one_light, at) < 20) continue;
       ++dots;
-      for (int c = 0; c < 3; ++c) EXPECT_EQ(two.at(at.x(), at.y())[c], one.at(at.x(), at.y())[c]);
+      for (int c = 0; c < 3; ++c)
+        EXPECT_EQ(two_lights.at(at.x(), at.y())[c], one_light.at(at.x(), at.y())[c]);
     }
   }
   EXPECT_GE(dots, 2);
   // Retexturing replaces video pixels and cannot blend twice, so both frames must be equal.
   const RenderedImage fetched = drawn(Translucency::retexture, 2);
   int differ = 0;
-  for (std::size_t i = 0; i < two.rgba.size(); ++i)
-    differ += std::abs(fetched.rgba[i] - two.rgba[i]) > 1 ? 1 : 0;
+  for (std::size_t i = 0; i < two_lights.rgba.size(); ++i)
+    differ += std::abs(fetched.rgba[i] - two_lights.rgba[i]) > 1 ? 1 : 0;
   EXPECT_LE(differ, 60) << "at equal depth the first or the last colour wins";
 }
 
 // Skipping rays out of view must not change the frame.
 TEST(RayOverlay, SkipsRaysOutOfView) {
   std::mt19937 random(3);
-  const auto within = [&random](double low, double high) {
+  const auto uniform = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
   std::size_t skipped = 0;
@@ -289,32 +292,33 @@ TEST(RayOverlay, SkipsRaysOutOfView) {
     SceneBuilder builder = lit_box();
     SceneLight& lamp = builder.scene().lights[0];
     if (i % 2 == 0) {
-      lamp.position = {within(-0.8, 0.8), within(-0.8, 0.8), within(0.1, 0.6)};
+      lamp.position = {uniform(-0.8, 0.8), uniform(-0.8, 0.8), uniform(0.1, 0.6)};
     } else {
       lamp.kind = SceneLight::Kind::directional;
-      lamp.direction = {within(-1, 1), within(-1, 1), within(0.2, 1)};
+      lamp.direction = {uniform(-1, 1), uniform(-1, 1), uniform(0.2, 1)};
     }
     for (SceneObject& object : builder.scene().objects) {
-      object.placement = test::at(within(-0.9, 0.9), within(-0.9, 0.9), within(0.0, 0.3));
+      object.placement = test::at(uniform(-0.9, 0.9), uniform(-0.9, 0.9), uniform(0.0, 0.3));
     }
     builder.add(test::box(0.05, 0.05, 0.05),
-                test::at(within(-0.9, 0.9), within(-0.9, 0.9), within(0.0, 0.3)));
+                test::at(uniform(-0.9, 0.9), uniform(-0.9, 0.9), uniform(0.0, 0.3)));
     Studio studio(builder.build(), i % 3 == 0 ? test::distorted_camera(kSide, 260.0)
                                               : test::camera_of(kSide, kSide, 260.0));
-    const PoseEstimate pose = test::tracked(test::look_at(
-        {within(-0.5, 0.5), -0.4, within(0.1, 0.6)}, {within(-0.3, 0.3), within(-0.3, 0.3), 0.0}));
+    const PoseEstimate pose =
+        test::tracked(test::look_at({uniform(-0.5, 0.5), -0.4, uniform(0.1, 0.6)},
+                                    {uniform(-0.3, 0.3), uniform(-0.3, 0.3), 0.0}));
     PlanOptions options;
     options.light_rays = true;
     const FramePlan skipping = studio.plan(pose, options);
     options.skip = false;
-    const FramePlan whole = studio.plan(pose, options);
-    EXPECT_EQ(whole.rays.size(), 2U);
+    const FramePlan complete = studio.plan(pose, options);
+    EXPECT_EQ(complete.rays.size(), 2U);
     const auto reported =
         std::ranges::count(skipping.skipped, SkipReason::rays_out_of_view, &SkippedPass::reason);
     EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(reported), 2U);
     skipped += static_cast<std::size_t>(reported);
     drawn += skipping.rays.size();
-    EXPECT_EQ(studio.draw(grey(), skipping), studio.draw(grey(), whole)) << i;
+    EXPECT_EQ(studio.draw(grey(), skipping), studio.draw(grey(), complete)) << i;
   }
   EXPECT_GT(skipped, 5U);
   EXPECT_GT(drawn, 10U);

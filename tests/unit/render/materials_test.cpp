@@ -68,20 +68,21 @@ struct Drawing {
   bool phantom = false;
 };
 using AtHeights = std::vector<std::pair<std::shared_ptr<const Model>, double>>;
-RenderedImage drawn(const AtHeights& at_heights, const Drawing& how = {}) {
-  SceneBuilder builder = builder_with(how.ambient);
+RenderedImage drawn(const AtHeights& at_heights, const Drawing& drawing = {}) {
+  SceneBuilder builder = builder_with(drawing.ambient);
   for (const auto& [model, height] : at_heights)
-    builder.add(model, test::at(0, 0, height), false, how.phantom);
-  Studio studio(builder.build(), camera(), how.api);
+    builder.add(model, test::at(0, 0, height), false, drawing.phantom);
+  Studio studio(builder.build(), camera(), drawing.api);
   PlanOptions options;
-  options.translucency = how.mode;
+  options.translucency = drawing.mode;
   return studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose(), options));
 }
-RenderedImage drawn(const TexturedSquare& square, const Drawing& how = {}) {
-  return drawn({{model_of(square), kHeight}}, how);
+RenderedImage drawn(const TexturedSquare& square, const Drawing& drawing = {}) {
+  return drawn({{model_of(square), kHeight}}, drawing);
 }
 
-// Visits every pixel well inside the square at this height, with its position on the square [m].
+// Visits every pixel well inside the square at this height, with the pixel's position on the square
+// [m]. Returns the number of pixels.
 template <class Action>
 int inside(const Action& action, double height = kHeight) {
   int count = 0;
@@ -120,10 +121,10 @@ constexpr const char* kPlain =
     R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.2,"roughnessFactor":0.4})";
 
 TEST(Materials, DrawsPlainSquare) {
-  const RenderedImage picture = drawn(square_of(kPlain));
-  int other = 0;
-  EXPECT_GT(inside([&](int x, int y, double, double) { other += picture.red(x, y) != 120; }), 5000);
-  EXPECT_GT(other, 5000);
+  const RenderedImage image = drawn(square_of(kPlain));
+  int changed = 0;
+  EXPECT_GT(inside([&](int x, int y, double, double) { changed += image.red(x, y) != 120; }), 5000);
+  EXPECT_GT(changed, 5000);
 }
 
 TEST(Materials, MultipliesMetallicRoughnessTextureByFactors) {
@@ -156,7 +157,7 @@ TEST(Materials, MultipliesEmissiveTextureByFactor) {
 }
 
 TEST(Materials, DarkensOnlyAmbientLightByOcclusion) {
-  const auto open = [](int red, double strength) {
+  const auto occluded = [](int red, double strength) {
     return drawn(
         square_of(std::string(kPlain) +
                       fmt::format(R"(,"occlusionTexture":{{"index":0,"strength":{}}})", strength),
@@ -164,10 +165,10 @@ TEST(Materials, DarkensOnlyAmbientLightByOcclusion) {
         {0.6});
   };
   const auto ambient = [](double factor) { return drawn(square_of(kPlain), {0.6 * factor}); };
-  EXPECT_LE(largest_difference(open(102, 1.0), ambient(0.4)), 1);
-  EXPECT_LE(largest_difference(open(102, 0.5), ambient(0.7)), 1);
-  EXPECT_LE(largest_difference(open(102, 0.0), ambient(1.0)), 1);
-  EXPECT_GT(largest_difference(open(102, 1.0), ambient(1.0)), 10);
+  EXPECT_LE(largest_difference(occluded(102, 1.0), ambient(0.4)), 1);
+  EXPECT_LE(largest_difference(occluded(102, 0.5), ambient(0.7)), 1);
+  EXPECT_LE(largest_difference(occluded(102, 0.0), ambient(1.0)), 1);
+  EXPECT_GT(largest_difference(occluded(102, 1.0), ambient(1.0)), 10);
 }
 
 // Unit normal that a texel of the normal map encodes, in the square's tangent space.
@@ -241,8 +242,8 @@ TEST(Materials, OrientsNormalTextureByItsLayout) {
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
 }
 
-// The texture layout is mirrored at an edge. Vertices on it are split, so that each half has its
-// own tangents.
+// The texture layout is mirrored at an edge. Vertices on the edge are split, so that each half has
+// its own tangents.
 TEST(Materials, SplitsTangentsAtMirroredTexture) {
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 128, 230)});
   // The halves are mirrored at the diagonal u = v.
@@ -271,7 +272,7 @@ TEST(Materials, MapsTexturesByTextureCoordinates) {
                                             halves({0, 70, 20, 255}, {0, 180, 230, 255})});
   square.samplers = R"({"magFilter":9728,"minFilter":9728})";
   square.texcoords_1 = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
-  const RenderedImage both = drawn(square);
+  const RenderedImage textured = drawn(square);
   const auto half = [](std::array<int, 3> color, int rough, int metal) {
     return drawn(square_of(fmt::format(
         R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":{},"roughnessFactor":{}}})",
@@ -284,13 +285,13 @@ TEST(Materials, MapsTexturesByTextureCoordinates) {
     if (std::abs(px) < 0.002) return;
     const RenderedImage& expected = px < 0.0 ? left : right;
     for (int c = 0; c < 3; ++c)
-      wrong += std::abs(int{both.at(x, y)[c]} - int{expected.at(x, y)[c]}) > 1 ? 1 : 0;
+      wrong += std::abs(int{textured.at(x, y)[c]} - int{expected.at(x, y)[c]}) > 1 ? 1 : 0;
   });
   EXPECT_EQ(wrong, 0);
 }
 
 TEST(Materials, WrapsTexturesBySampler) {
-  const auto across = [](int wrap) {
+  const auto wrapped = [](int wrap) {
     TexturedSquare square = square_of(
         R"("emissiveFactor":[1,1,1],"emissiveTexture":{"index":0},"pbrMetallicRoughness":{"baseColorFactor":[0,0,0,1]})",
         {test::image_of(2, 1, [](int x, int) {
@@ -307,12 +308,12 @@ TEST(Materials, WrapsTexturesBySampler) {
       {33648, {true, false, false, true, true, false}}};
   for (const auto& [wrap, bright] : expected) {
     SCOPED_TRACE(wrap);
-    const RenderedImage picture = across(wrap);
+    const RenderedImage image = wrapped(wrap);
     int wrong = 0;
     inside([&](int x, int y, double px, double) {
       const double sixth = (px + 0.1) / 0.2 * 6.0;
       if (std::abs(sixth - std::round(sixth)) < 0.06) return;
-      wrong += (picture.red(x, y) > 100) != bright[static_cast<std::size_t>(sixth)] ? 1 : 0;
+      wrong += (image.red(x, y) > 100) != bright[static_cast<std::size_t>(sixth)] ? 1 : 0;
     });
     EXPECT_EQ(wrong, 0);
   }
@@ -331,13 +332,13 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
     return square;
   };
   // Alpha at the two texels: 0.8 * 120 / 255 = 0.38 and 0.8 * 135 / 255 = 0.42.
-  const RenderedImage picture = drawn(cut(120, 135));
+  const RenderedImage image = drawn(cut(120, 135));
   const RenderedImage whole = drawn(cut(255, 255));
   int wrong = 0;
   inside([&](int x, int y, double px, double) {
     if (std::abs(px) < 0.002) return;
     for (int c = 0; c < 3; ++c)
-      wrong += picture.at(x, y)[c] != (px < 0.0 ? 120 : whole.at(x, y)[c]) ? 1 : 0;
+      wrong += image.at(x, y)[c] != (px < 0.0 ? 120 : whole.at(x, y)[c]) ? 1 : 0;
   });
   EXPECT_EQ(wrong, 0);
   // A phantom occludes only where the alpha of its material reaches the cutoff.
@@ -379,13 +380,13 @@ TEST(Materials, BlendsByOpacity) {
     EXPECT_EQ(wrong, 0) << to_string(mode);
   }
   // A screen-door pattern covers 6 of 16 pixels.
-  const RenderedImage door =
+  const RenderedImage dithered =
       drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, Translucency::mesh});
   int open = 0;
   int wrong = 0;
   const int all = inside([&](int x, int y, double, double) {
-    open += door.red(x, y) == 120 ? 1 : 0;
-    wrong += door.red(x, y) != 120 && door.red(x, y) != opaque.red(x, y) ? 1 : 0;
+    open += dithered.red(x, y) == 120 ? 1 : 0;
+    wrong += dithered.red(x, y) != 120 && dithered.red(x, y) != opaque.red(x, y) ? 1 : 0;
   });
   EXPECT_EQ(wrong, 0);
   EXPECT_NEAR(static_cast<double>(open) / all, 10.0 / 16.0, 0.02);
@@ -399,16 +400,16 @@ TEST(Materials, SortsBlendedObjectsBackToFront) {
   for (const Translucency mode :
        {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
     SCOPED_TRACE(to_string(mode));
-    const Drawing how{0.3, mode};
-    const RenderedImage one = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, how);
-    const RenderedImage other = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, how);
-    EXPECT_EQ(one, other);
-    EXPECT_NE(one, drawn({{green, 0.1}, {red, kHeight}, {white, 0.0}}, how));
+    const Drawing drawing{0.3, mode};
+    const RenderedImage red_first = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, drawing);
+    const RenderedImage white_first = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, drawing);
+    EXPECT_EQ(red_first, white_first);
+    EXPECT_NE(red_first, drawn({{green, 0.1}, {red, kHeight}, {white, 0.0}}, drawing));
   }
 }
 
 TEST(Materials, SortsBlendedTrianglesBackToFront) {
-  const auto stack = [](bool turned) {
+  const auto stack = [](bool reversed) {
     auto model = std::make_shared<Model>();
     Material material;
     material.base_color.a = 0.5F;
@@ -416,7 +417,7 @@ TEST(Materials, SortsBlendedTrianglesBackToFront) {
     model->materials.push_back(material);
     Mesh& mesh = model->meshes.emplace_back();
     for (int i = 0; i < 5; ++i) {
-      const int layer = turned ? 4 - i : i;
+      const int layer = reversed ? 4 - i : i;
       const float z = 0.02F * static_cast<float>(layer);
       const auto first = static_cast<std::uint32_t>(mesh.positions.size());
       for (const auto& [x, y] :
@@ -434,8 +435,8 @@ TEST(Materials, SortsBlendedTrianglesBackToFront) {
     model->max_corner = {0.1F, 0.1F, 0.08F};
     return model;
   };
-  const RenderedImage one = drawn({{stack(false), 0.0}});
-  EXPECT_EQ(one, drawn({{stack(true), 0.0}}));
+  const RenderedImage bottom_first = drawn({{stack(false), 0.0}});
+  EXPECT_EQ(bottom_first, drawn({{stack(true), 0.0}}));
 }
 
 // A fading overlay reduces the opacity of blended materials by the same factor.

@@ -140,7 +140,7 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   replace(R"({"nodes":[0]})", "{\"nodes\":[" + list + "]}");
   const std::string triangle = R"({"attributes":{"POSITION":0},"indices":1})";
   const std::string metal = R"({"attributes":{"POSITION":0},"indices":1,"material":0})";
-  // Three primitives: plain material, metal, and plain material with texture coordinates.
+  // Three primitives: plain material, metal, and plain material with vertex colours.
   replace(R"("meshes":[{"primitives":[)" + triangle + "]}]",
           R"("materials":[{"name":"metal"}],"meshes":[{"name":"a","primitives":[)" + triangle +
               R"(]},{"name":"b","primitives":[)" + metal + R"(]},{"name":"c","primitives":[)" +
@@ -155,7 +155,7 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   // Each use of a mesh has separate vertices, in the order of use.
   EXPECT_EQ(model->source_vertex_count, 3U * kNodes);
   const Mesh& plain = model->meshes[0];
-  // Every third node is metal, so plain triangle t belongs to node t + t / 2.
+  // Every third node is metal, so plain triangle t belongs to node t + ceil(t / 2).
   for (const std::uint32_t t : {0U, 1U, 2U, 9'999U}) {
     const std::uint32_t node = t + t / 2 + t % 2;
     for (std::uint32_t k = 0; k < 3; ++k) {
@@ -253,9 +253,9 @@ TEST_F(ModelFile, ReadsObjAxesAsWrittenOrRotatedOnRequest) {
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, 0, 1));
   EXPECT_EQ(model->source_vertex_count, 4U);
   EXPECT_EQ(model->meshes[0].source_vertex[2], 2U);
-  const Result<Model> turned = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
-  ASSERT_TRUE(turned);
-  EXPECT_EQ(turned->meshes[0].positions[2], glm::vec3(0, 0, 1));
+  const Result<Model> rotated = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
+  ASSERT_TRUE(rotated);
+  EXPECT_EQ(rotated->meshes[0].positions[2], glm::vec3(0, 0, 1));
 }
 
 TEST_F(ModelFile, RejectsMalformedObjWithLine) {
@@ -300,7 +300,8 @@ TEST_F(ModelFile, RejectsOtherFiles) {
   EXPECT_THAT(error_of(load_model(write("a.glb", ""))), HasSubstr("is empty"));
 }
 
-// Expects that each edge is traversed once in each direction.
+// Expects that each edge is traversed equally often in both directions, that no face has zero area,
+// and that the faces enclose a positive volume.
 void expect_closed(const Model& model, const std::string& name) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   EXPECT_EQ(mesh.indices.size() / 3, model.triangle_count()) << name << ": faces collapsed";

@@ -63,12 +63,13 @@ class FarModel : public testing::Test {
 };
 
 TEST_F(FarModel, KeepsShapeAndPosition) {
-  for (const Eigen::Vector3d& place : {Eigen::Vector3d(3e5, 5e5, 0), Eigen::Vector3d(1e4, 2e4, 3),
-                                       Eigen::Vector3d(458074.6, 5429380.17, 162.9)}) {
-    const Result<Model> model = folder_.obj(disc(place.x(), place.y(), place.z()));
+  for (const Eigen::Vector3d& position :
+       {Eigen::Vector3d(3e5, 5e5, 0), Eigen::Vector3d(1e4, 2e4, 3),
+        Eigen::Vector3d(458074.6, 5429380.17, 162.9)}) {
+    const Result<Model> model = folder_.obj(disc(position.x(), position.y(), position.z()));
     ASSERT_TRUE(model) << model.error().message;
     EXPECT_NEAR(area_of(*model), kArea, 1e-6 * kArea);
-    EXPECT_LT((model->origin - place).norm(), 1e-7);
+    EXPECT_LT((model->origin - position).norm(), 1e-7);
     EXPECT_NEAR(model->max_corner.x, 0.5F, 1e-6F);
     EXPECT_THAT(model->warnings, IsEmpty());
   }
@@ -79,13 +80,13 @@ TEST_F(FarModel, IsPlacedInDoublePrecision) {
   ASSERT_TRUE(model) << model.error().message;
   const Placement T{{-6e5, -1e6, 0.25}, Eigen::Quaterniond::Identity(), 2.0};
   EXPECT_LT((placed_model(*model, T).position - Eigen::Vector3d(0, 0, 0.25)).norm(), 1e-6);
-  const Result<Model> turned = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
-  ASSERT_TRUE(turned);
-  EXPECT_LT((turned->origin - Eigen::Vector3d(3e5, 0, 5e5)).norm(), 1e-6);
+  const Result<Model> rotated = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
+  ASSERT_TRUE(rotated);
+  EXPECT_LT((rotated->origin - Eigen::Vector3d(3e5, 0, 5e5)).norm(), 1e-6);
   Model near = *model;
   near.origin.setZero();
-  const Eigen::Quaterniond odd(0.1, 0.7, 0.3, 0.64);
-  EXPECT_EQ(placed_model(near, {{1, 2, 3}, odd, 0.7}), (Placement{{1, 2, 3}, odd, 0.7}));
+  const Eigen::Quaterniond rotation(0.1, 0.7, 0.3, 0.64);
+  EXPECT_EQ(placed_model(near, {{1, 2, 3}, rotation, 0.7}), (Placement{{1, 2, 3}, rotation, 0.7}));
 }
 
 TEST_F(FarModel, KeepsPositionWhenOriginMoves) {
@@ -104,19 +105,20 @@ TEST_F(FarModel, KeepsFileCoordinatesInKernelFile) {
   const ShadowMesh mesh = make_shadow_mesh(*model);
   const ShadowKernels made =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
-  const KernelFile kept = make_kernel_file(*model, mesh, made, KernelSource::automatic);
-  const auto file = folder_.write("kernels.json", kernel_file_json(kept));
+  const KernelFile written = make_kernel_file(*model, mesh, made, KernelSource::automatic);
+  const auto file = folder_.write("kernels.json", kernel_file_json(written));
   const Result<KernelFile> read = load_kernel_file(file);
   ASSERT_TRUE(read) << read.error().message;
   const Eigen::Vector3d first = read->origin + to_eigen(read->kernels[0]);
   EXPECT_LT((first - Eigen::Vector3d(3e5, 5e5, 1)).norm(), 1e-3);
-  const Result<bool> taken = attach_kernels(*model, *read, "kernels.json");
-  ASSERT_TRUE(taken) << taken.error().message;
-  EXPECT_TRUE(*taken);
+  const Result<bool> attached = attach_kernels(*model, *read, "kernels.json");
+  ASSERT_TRUE(attached) << attached.error().message;
+  EXPECT_TRUE(*attached);
   for (std::size_t i = 0; i < 32; ++i) {
     const glm::vec3& kernel = model->meshes[0].shadow_kernels[i];
-    EXPECT_LT((to_eigen(kernel) - to_eigen(kept.kernels[model->meshes[0].source_vertex[i]])).norm(),
-              1e-6);
+    EXPECT_LT(
+        (to_eigen(kernel) - to_eigen(written.kernels[model->meshes[0].source_vertex[i]])).norm(),
+        1e-6);
   }
   EXPECT_NE(geometry_key(*model), [&] {
     Model near = *model;
@@ -152,7 +154,7 @@ TEST_F(FarModel, WarnsInMetresForOtherUnits) {
 }
 
 // The scene uses one model as caster, as object and as phantom. The model lies at `origin` in its
-// file, and the placements compensate for that.
+// file, and the placements compensate for this offset.
 FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
   test::ShapeBuilder shape;
   shape.box(-0.025, -0.025, -0.025, 0.025, 0.025, 0.025);
@@ -185,7 +187,7 @@ FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& op
                     test::camera_of(320, 240, 300.0), options);
 }
 
-// One line of text per draw, rounded to a micrometre.
+// Returns one line of text per draw, rounded to a micrometre.
 std::vector<std::string> lines_of(const FramePlan& plan) {
   std::vector<std::string> lines;
   const auto text = [](const auto& numbers) {

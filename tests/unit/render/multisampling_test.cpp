@@ -20,15 +20,15 @@ namespace {
 constexpr int kViewWidth = 320;
 constexpr int kViewHeight = 240;
 
-// Camera with the same view and `times` as many pixels per side. Its first `times` x `times` pixels
-// cover pixel (0, 0) of the original.
-CameraModel view_of(int times) {
+// Returns a camera with the same view and `scale` times as many pixels per side. Its first `scale`
+// x `scale` pixels cover pixel (0, 0) of the original.
+CameraModel view_of(int scale) {
   CameraParameters p;
-  p.width = times * kViewWidth;
-  p.height = times * kViewHeight;
-  p.fx = p.fy = times * 280.0;
-  p.cx = times * (0.5 * kViewWidth + 1.7 + 0.5) - 0.5;
-  p.cy = times * (0.5 * kViewHeight - 2.1 + 0.5) - 0.5;
+  p.width = scale * kViewWidth;
+  p.height = scale * kViewHeight;
+  p.fx = p.fy = scale * 280.0;
+  p.cx = scale * (0.5 * kViewWidth + 1.7 + 0.5) - 0.5;
+  p.cy = scale * (0.5 * kViewHeight - 2.1 + 0.5) - 0.5;
   return CameraModel::make(p).value();
 }
 
@@ -62,18 +62,18 @@ TEST(Multisampling, RejectsMoreSamplesThanDriverSupports) {
   EXPECT_NE(made.error().message.find("--msaa"), std::string::npos) << made.error().message;
 }
 
-// The reference is the mean of 8 x 8 pixels.
+// The reference is a frame of 8 times the width and height, averaged over 8 x 8 pixels.
 TEST(Multisampling, SmoothsObjectEdges) {
   constexpr int kFiner = 8;
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.14F, 0.09F, 0.06F}), glm::vec4(0.9F, 0.3F, 0.2F, 1.0F)),
               test::at(0.0, 0.0, 0.08, {1, 2, 3}, 0.7), false);
-  const auto draw = [&](int times, int samples, GlApi api) {
+  const auto draw = [&](int scale, int samples, GlApi api) {
     CompositorOptions options;
     options.msaa = samples;
-    test::Studio studio(builder.build(), view_of(times), api, options);
+    test::Studio studio(builder.build(), view_of(scale), api, options);
     EXPECT_GE(studio.compositor().samples(), samples);
-    return studio.draw(test::plain_frame(times * kViewWidth, times * kViewHeight, 220),
+    return studio.draw(test::plain_frame(scale * kViewWidth, scale * kViewHeight, 220),
                        studio.plan(view_pose()));
   };
   const test::RenderedImage fine = draw(kFiner, 0, GlApi::gl33);
@@ -92,10 +92,10 @@ TEST(Multisampling, SmoothsObjectEdges) {
         int highest = 0;
         for (int j = 0; j < kFiner; ++j) {
           for (int i = 0; i < kFiner; ++i) {
-            const int red = fine.at(kFiner * x + i, kFiner * y + j)[1];
-            mean += red / static_cast<double>(kFiner * kFiner);
-            lowest = std::min(lowest, red);
-            highest = std::max(highest, red);
+            const int green = fine.at(kFiner * x + i, kFiner * y + j)[1];
+            mean += green / static_cast<double>(kFiner * kFiner);
+            lowest = std::min(lowest, green);
+            highest = std::max(highest, green);
           }
         }
         const double plain_error = plain.at(x, y)[1] - mean;
@@ -122,12 +122,12 @@ TEST(Multisampling, ChangesOnlyEdges) {
   const auto scene = std::make_shared<const Scene>(
       load_scene(test::source_dir() / "scenes" / "default.json").value());
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    CompositorOptions several;
-    several.msaa = 4;
-    CompositorOptions one;
-    one.msaa = 0;
-    test::Studio plain(scene, view_of(1), api, one);
-    test::Studio smooth(scene, view_of(1), api, several);
+    CompositorOptions multisampled;
+    multisampled.msaa = 4;
+    CompositorOptions single_sampled;
+    single_sampled.msaa = 0;
+    test::Studio plain(scene, view_of(1), api, single_sampled);
+    test::Studio smooth(scene, view_of(1), api, multisampled);
     const Frame frame = test::plain_frame(kViewWidth, kViewHeight, 200);
     for (const ShadowTechnique technique : test::techniques_without({})) {
       for (const Translucency mode : {Translucency::blend, Translucency::mesh,
@@ -169,20 +169,20 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
     return builder.build();
   };
   struct Drawn {
-    test::RenderedImage picture;
+    test::RenderedImage image;
     std::int64_t masks = 0;
   };
-  const auto draw = [](const std::shared_ptr<const Scene>& scene, int times, int samples,
+  const auto draw = [](const std::shared_ptr<const Scene>& scene, int scale, int samples,
                        LayerDrawing layers) {
     CompositorOptions options;
     options.msaa = samples;
-    test::Studio studio(scene, view_of(times), GlApi::gl33, options);
+    test::Studio studio(scene, view_of(scale), GlApi::gl33, options);
     PlanOptions plan;
     plan.layers = layers;
-    const test::RenderedImage picture =
-        studio.draw_shadows(test::plain_frame(times * kViewWidth, times * kViewHeight, 255),
+    const test::RenderedImage image =
+        studio.draw_shadows(test::plain_frame(scale * kViewWidth, scale * kViewHeight, 255),
                             studio.plan(view_pose(), plan));
-    return Drawn{picture, studio.stats()[Counter::layer_masks_drawn]};
+    return Drawn{image, studio.stats()[Counter::layer_masks_drawn]};
   };
   const auto few = scene_of(14);
   const auto many = scene_of(16);
@@ -190,9 +190,9 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
   EXPECT_EQ(draw(few, 1, 0, LayerDrawing::automatic).masks, 1);
   EXPECT_EQ(draw(few, 1, 4, LayerDrawing::mask).masks, 1);
   EXPECT_EQ(draw(many, 1, 4, LayerDrawing::automatic).masks, 1);
-  const test::RenderedImage fine = draw(few, 8, 0, LayerDrawing::direct).picture;
+  const test::RenderedImage fine = draw(few, 8, 0, LayerDrawing::direct).image;
   const auto error = [&](int samples, LayerDrawing layers) {
-    const auto of_edges = test::edge_error(draw(few, 1, samples, layers).picture, fine, 8);
+    const auto of_edges = test::edge_error(draw(few, 1, samples, layers).image, fine, 8);
     EXPECT_GT(of_edges.edges, 300);
     return of_edges.rms;
   };

@@ -23,7 +23,7 @@ const std::string kRedSquare = "usemtl red\nf 1 2 3 4\n";
 
 class ObjModelFile : public testing::Test {
  protected:
-  // Expects a square of 100 cm^2 and these warnings.
+  // Expects a square of 100 cm^2 and warnings that match `warnings`.
   template <class Matcher>
   void expect_square(const std::string& text, const Matcher& warnings) {
     const Result<Model> model = folder_.obj(text);
@@ -65,10 +65,10 @@ TEST_F(ObjModelFile, ReportsDecimalCommas) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 0,5 0,0 1,0\n");
   ASSERT_FALSE(model);
   EXPECT_THAT(model.error().message, HasSubstr("line 2: \"0,5\" has a decimal comma"));
-  for (const char* other : {"0,5,1", "0.5,", ",", "a,b"}) {
-    const Result<Model> wrong = folder_.obj(fmt::format("v {} 0 0\n", other));
-    ASSERT_FALSE(wrong) << other;
-    EXPECT_THAT(wrong.error().message, testing::Not(HasSubstr("decimal comma"))) << other;
+  for (const char* number : {"0,5,1", "0.5,", ",", "a,b"}) {
+    const Result<Model> rejected = folder_.obj(fmt::format("v {} 0 0\n", number));
+    ASSERT_FALSE(rejected) << number;
+    EXPECT_THAT(rejected.error().message, testing::Not(HasSubstr("decimal comma"))) << number;
   }
   std::string warning;
   material_of("newmtl red\nKd 0,8 0,8 0,8\n", &warning);
@@ -112,9 +112,9 @@ TEST_F(ObjModelFile, SkipsByteOrderMark) {
 }
 
 TEST_F(ObjModelFile, ReportsUtf16Text) {
-  std::string wide = "\xFF\xFE";
-  for (const char c : kCorners) wide += {c, '\0'};
-  const Result<Model> model = folder_.obj(wide);
+  std::string utf16 = "\xFF\xFE";
+  for (const char c : kCorners) utf16 += {c, '\0'};
+  const Result<Model> model = folder_.obj(utf16);
   ASSERT_FALSE(model);
   EXPECT_THAT(model.error().message, HasSubstr("model.obj: is UTF-16 text; save it as UTF-8"));
   std::string warning;
@@ -243,8 +243,8 @@ TEST_F(ObjModelFile, AcceptsNamesWithBlanksAndOtherEncodings) {
 
 TEST_F(ObjModelFile, FallsBackToPlainColourWithoutImage) {
   folder_.write("t.tga", std::string("\0\0\2\0\0\0\0\0\0\0\0\0\1\0\1\0\30\0abc", 21));
-  const std::string whole = test::png_bytes(test::one_color(200, 90, 30));
-  folder_.write("half.png", whole.substr(0, whole.size() / 2));
+  const std::string png = test::png_bytes(test::one_color(200, 90, 30));
+  folder_.write("half.png", png.substr(0, png.size() / 2));
   std::filesystem::create_directory(folder_.path() / "folder.png");
   for (const std::string name : {"gone.png", "t.tga", "half.png", "folder.png",
                                  "C:\\Users\\me\\t.png", "..", "http://x.org/gone.png"}) {
@@ -285,7 +285,7 @@ TEST_F(ObjModelFile, RejectsMissingVertex) {
   }
 }
 
-// Damaged model and material files, with polygons of all kinds.
+// Damages model and material files. Each message about them must be a single line.
 TEST_F(ObjModelFile, ReportsDamageInOneLine) {
   std::string obj = "mtllib m.mtl\no thing\nusemtl red\n", face = "f";
   for (int i = 0; i < 24; ++i) {

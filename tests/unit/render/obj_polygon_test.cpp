@@ -92,7 +92,7 @@ TEST_F(ObjPolygon, FillsAndReportsCrossingOutlineOnce) {
   EXPECT_THAT(model->warnings,
               ElementsAre(testing::AllOf(HasSubstr("line 9: a face's outline crosses itself"),
                                          HasSubstr("(2 such lines)"))));
-  // The crossing adds a vertex after those of the file.
+  // The crossing of each face adds a vertex after the file's vertices.
   EXPECT_EQ(model->source_vertex_count, 6U);
   const Mesh& mesh = model->meshes[0];
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {

@@ -57,7 +57,7 @@ CameraModel camera_with(const Lens& lens) {
   return CameraModel::make(p).value();
 }
 
-// Corners of a disc that faces the camera, in the camera frame.
+// Returns the corners of a disc that faces the camera, in the camera frame.
 std::vector<Eigen::Vector3d> rim(const Eigen::Vector3d& centre, double radius, int corners) {
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < corners; ++i) {
@@ -67,7 +67,7 @@ std::vector<Eigen::Vector3d> rim(const Eigen::Vector3d& centre, double radius, i
   return points;
 }
 
-// Exact image of the disc: its densely sampled outline, projected in double precision.
+// Returns the exact image of the disc: its densely sampled outline, projected in double precision.
 std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eigen::Vector3d& centre,
                                            double radius) {
   const std::vector<Eigen::Vector3d> corners = rim(centre, radius, 64);
@@ -80,8 +80,8 @@ std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eige
   return outline;
 }
 
-// Centroid of the pixels whose centres lie inside the outline. The drawn disc's centroid is
-// computed in the same way, so that only the drawing's error remains.
+// Returns the centroid of the pixels whose centres lie inside the outline. The drawn disc's
+// centroid is computed in the same way, so that only the drawing's error remains.
 Eigen::Vector2d counted_centroid(const std::vector<Eigen::Vector2d>& outline, int& count) {
   Eigen::Vector2d low = outline.front();
   Eigen::Vector2d high = outline.front();
@@ -116,13 +116,13 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
   // Discs that face the camera at pixels all over the frame. Each disc is a model.
   std::vector<std::vector<Eigen::Vector2d>> expected;
   SceneBuilder builder;
-  int at = 0;
+  int index = 0;
   for (double v = 28.0; v <= 452.0; v += 53.0) {
     for (double u = 28.0; u <= 612.0; u += 53.09) {
-      const auto ray = camera.unproject({u + 3.0 * std::sin(at), v + 3.0 * std::cos(at)});
+      const auto ray = camera.unproject({u + 3.0 * std::sin(index), v + 3.0 * std::cos(index)});
       ASSERT_TRUE(ray);
-      const double depth = 0.3 + 0.04 * (at % 17);
-      ++at;
+      const double depth = 0.3 + 0.04 * (index % 17);
+      ++index;
       const Eigen::Vector3d centre = *ray * depth;
       const double radius = 17.0 / 400.0 * depth;
       const auto corners = rim(centre, radius, 64);
@@ -147,21 +147,21 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
   Eigen::Vector2d bias = Eigen::Vector2d::Zero();
   for (const auto& outline : expected) {
     int expected_count = 0;
-    const Eigen::Vector2d e = counted_centroid(outline, expected_count);
+    const Eigen::Vector2d expected_centroid = counted_centroid(outline, expected_count);
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
     int count = 0;
-    for (int y = std::max(0, static_cast<int>(e.y()) - 25);
-         y <= std::min(479, static_cast<int>(e.y()) + 25); ++y) {
-      for (int x = std::max(0, static_cast<int>(e.x()) - 25);
-           x <= std::min(639, static_cast<int>(e.x()) + 25); ++x) {
+    for (int y = std::max(0, static_cast<int>(expected_centroid.y()) - 25);
+         y <= std::min(479, static_cast<int>(expected_centroid.y()) + 25); ++y) {
+      for (int x = std::max(0, static_cast<int>(expected_centroid.x()) - 25);
+           x <= std::min(639, static_cast<int>(expected_centroid.x()) + 25); ++x) {
         if (image.red(x, y) < 128) continue;
         sum += Eigen::Vector2d(x, y);
         ++count;
       }
     }
     ASSERT_GT(expected_count, 100);
-    ASSERT_NEAR(count, expected_count, 0.05 * expected_count) << e.transpose();
-    const Eigen::Vector2d error = sum / count - e;
+    ASSERT_NEAR(count, expected_count, 0.05 * expected_count) << expected_centroid.transpose();
+    const Eigen::Vector2d error = sum / count - expected_centroid;
     worst = std::max(worst, error.norm());
     bias += error / static_cast<double>(expected.size());
   }
@@ -225,7 +225,7 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   }
 }
 
-// Row at column x of a densely sampled curve.
+// Returns the row of a densely sampled curve at column x.
 double row_at(const std::vector<Eigen::Vector2d>& curve, double x) {
   for (std::size_t i = 0; i + 1 < curve.size(); ++i) {
     const Eigen::Vector2d& a = curve[i];
@@ -246,9 +246,9 @@ CameraModel strong_lens() {
   return CameraModel::make(p).value();
 }
 
-// Compares the drawn and the exact position of a strip at depth z in the camera frame. The strip
-// extends from (x0, y0) to (x1, y1) and is `width` wide downwards. Returns the largest mean error
-// of either edge over a window of columns.
+// Compares the drawn edges of a strip with the exact rows of its top and bottom edge, one row per
+// column (NaN: no edge). `covered`: whether a pixel shows the strip. Returns the largest mean error
+// of an edge over a window of columns [px].
 double worst_window_px(const CameraModel& camera, const std::vector<double>& top_rows,
                        const std::vector<double>& bottom_rows,
                        const std::function<bool(int, int)>& covered) {
@@ -321,11 +321,12 @@ TEST(Overlay, DrawsLongEdgesWithLensDistortionCloseUp) {
 }
 
 // The penumbra of a level strip is twice as long as the strip. The test draws it at the nearest
-// distance, where it fills the image, and at larger ones, where edges are split into longer pieces.
+// distance, where it fills the image, and at larger distances, where edges are split into longer
+// pieces.
 TEST(Overlay, DrawsLongShadowEdgesWithLensDistortion) {
   const CameraModel camera = strong_lens();
-  for (const double times : {1.0, 1.7, 4.0, 11.0}) {
-    const double height = 0.1 * times, light = 0.4 * times;
+  for (const double scale : {1.0, 1.7, 4.0, 11.0}) {
+    const double height = 0.1 * scale, light = 0.4 * scale;
     const double ratio = 8.0 / 4.0;  // factor (H + a h) / (H - h) = 2
     SceneBuilder builder;
     builder.scene().shadows[0].layered = make_layered_constants(light, ratio, 0.0).value();
@@ -334,8 +335,8 @@ TEST(Overlay, DrawsLongShadowEdgesWithLensDistortion) {
     ASSERT_NEAR(factor, 2.0, 1e-12);
     Model strip;
     Mesh& mesh = strip.meshes.emplace_back();
-    const Eigen::Vector2d a(-0.045 * times, 0.025 * times), b(0.045 * times, 0.0165 * times);
-    const Eigen::Vector2d down(0.0, -0.003 * times);
+    const Eigen::Vector2d a(-0.045 * scale, 0.025 * scale), b(0.045 * scale, 0.0165 * scale);
+    const Eigen::Vector2d down(0.0, -0.003 * scale);
     const std::array<Eigen::Vector2d, 4> corners = {a, a + down, b + down, b};
     for (const Eigen::Vector2d& p : corners)
       mesh.positions.push_back(to_gl(Eigen::Vector3d(p.x(), p.y(), 0.0)));
@@ -346,7 +347,7 @@ TEST(Overlay, DrawsLongShadowEdgesWithLensDistortion) {
     // The camera looks straight down: its x is the table's x, its y is the table's -y.
     Eigen::Matrix3d R;
     R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
-    const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15 * times));
+    const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15 * scale));
     Studio studio(builder.build(), camera);
     const test::RenderedImage image =
         studio.draw_shadows(test::plain_frame(640, 480, 200), studio.plan(test::tracked(pose)));
@@ -358,10 +359,10 @@ TEST(Overlay, DrawsLongShadowEdgesWithLensDistortion) {
     const double worst = worst_window_px(camera, rows_of_line(camera, shadow(a), shadow(b)),
                                          rows_of_line(camera, shadow(a + down), shadow(b + down)),
                                          [&](int x, int y) { return image.red(x, y) < 100; });
-    std::printf("long shadow at %.2f m: worst %.3f px\n", 0.15 * times, worst);
+    std::printf("long shadow at %.2f m: worst %.3f px\n", 0.15 * scale, worst);
     // Far edges are split into pieces in proportion to their distance (kSplitShare), hence the
     // larger error.
-    EXPECT_LE(worst, times < 10.0 ? 0.15 : 0.25);
+    EXPECT_LE(worst, scale < 10.0 ? 0.15 : 0.25);
   }
 }
 

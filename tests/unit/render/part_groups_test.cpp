@@ -26,16 +26,16 @@ using testing::HasSubstr;
 Model brick_wall() {
   Model model;
   model.nodes.push_back({"wall", "", -1});
-  Mesh all;
+  Mesh merged;
   const auto add = [&](test::ShapeBuilder& shape, const std::string& name, int parent) {
-    const Mesh one = std::move(shape.build().meshes[0]);
-    all.node_faces.push_back(
-        {static_cast<std::uint32_t>(model.nodes.size()), all.indices.size(), one.indices.size()});
+    const Mesh part = std::move(shape.build().meshes[0]);
+    merged.node_faces.push_back({static_cast<std::uint32_t>(model.nodes.size()),
+                                 merged.indices.size(), part.indices.size()});
     model.nodes.push_back({name, "", parent});
-    for (const std::uint32_t index : one.indices) {
-      all.indices.push_back(static_cast<std::uint32_t>(all.positions.size()) + index);
+    for (const std::uint32_t index : part.indices) {
+      merged.indices.push_back(static_cast<std::uint32_t>(merged.positions.size()) + index);
     }
-    all.positions.insert(all.positions.end(), one.positions.begin(), one.positions.end());
+    merged.positions.insert(merged.positions.end(), part.positions.begin(), part.positions.end());
   };
   for (int row = 0; row < 4; ++row) {
     const double y = 0.02 * row;
@@ -53,9 +53,9 @@ Model brick_wall() {
   test::ShapeBuilder ball;
   ball.sphere(0.01, 8, 12, 0.25, 0.0, 0.02);
   add(ball, "ball", -1);
-  for (std::uint32_t i = 0; i < all.positions.size(); ++i) all.source_vertex.push_back(i);
-  model.source_vertex_count = static_cast<std::uint32_t>(all.positions.size());
-  model.meshes.push_back(std::move(all));
+  for (std::uint32_t i = 0; i < merged.positions.size(); ++i) merged.source_vertex.push_back(i);
+  model.source_vertex_count = static_cast<std::uint32_t>(merged.positions.size());
+  model.meshes.push_back(std::move(merged));
   return model;
 }
 
@@ -74,7 +74,7 @@ struct Shape {
   double area = 0.0;
   double holes = 0.0;  // fraction of the area
 };
-// Shape of the wall's umbra at a height where its area is clearly reduced.
+// Returns the shape of the wall's umbra at a height where its area is clearly reduced.
 Shape wall_umbra(const std::vector<std::string>& groups) {
   const ShadowMesh mesh = make_shadow_mesh(brick_wall(), groups);
   const PlaneFrame plane;
@@ -96,13 +96,13 @@ Shape wall_umbra(const std::vector<std::string>& groups) {
 }
 
 TEST(PartGroups, CloseGapsBetweenGroupedBricks) {
-  const Shape loose = wall_umbra({});
-  EXPECT_GT(loose.pieces, 10U) << "each brick's umbra shrinks towards its own kernel";
+  const Shape ungrouped = wall_umbra({});
+  EXPECT_GT(ungrouped.pieces, 10U) << "each brick's umbra shrinks towards its own kernel";
   for (const char* group : {"all", "wall", "brick_*", "brick_?_?"}) {
-    const Shape one = wall_umbra({group});
-    EXPECT_EQ(one.pieces, 1U) << group;
-    EXPECT_LT(one.holes, 1e-3) << group;
-    EXPECT_GT(one.area, loose.area) << group;
+    const Shape grouped = wall_umbra({group});
+    EXPECT_EQ(grouped.pieces, 1U) << group;
+    EXPECT_LT(grouped.holes, 1e-3) << group;
+    EXPECT_GT(grouped.area, ungrouped.area) << group;
   }
 }
 
@@ -120,11 +120,11 @@ TEST(PartGroups, ContainPartsMatchedByName) {
   EXPECT_EQ(parts({"brick_0_*", "brick_?_0"}), loose - 3U - 3U)
       << "both patterns match brick_0_0, so they form one group";
   EXPECT_EQ(parts({"ball"}), loose);
-  // Grouping only renumbers parts, so every position keeps its kernels.
-  const ShadowMesh one = make_shadow_mesh(model, std::vector<std::string>{"all"});
-  const ShadowMesh many = make_shadow_mesh(model);
-  EXPECT_EQ(one.indices, many.indices);
-  EXPECT_EQ(one.positions, many.positions);
+  // Grouping only renumbers parts; indices and positions stay the same.
+  const ShadowMesh grouped = make_shadow_mesh(model, std::vector<std::string>{"all"});
+  const ShadowMesh ungrouped = make_shadow_mesh(model);
+  EXPECT_EQ(grouped.indices, ungrouped.indices);
+  EXPECT_EQ(grouped.positions, ungrouped.positions);
 }
 
 TEST(PartGroups, ListKnownNamesForUnknownOne) {

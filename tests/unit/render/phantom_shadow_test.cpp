@@ -38,15 +38,15 @@ RenderedImage draw_directly(Studio& studio, FramePlan plan) {
   plan.layers = LayerDrawing::direct;
   return studio.draw_shadows(white(), plan);
 }
-// Distance of `value` from the range of values in the pixel's 3 x 3 neighbourhood, which contains
-// both sides of an edge.
-double off(double value, const RenderedImage& picture, int x, int y) {
+// Returns the distance of `value` from the range of values in the pixel's 3 x 3 neighbourhood,
+// which contains both sides of an edge.
+double off(double value, const RenderedImage& image, int x, int y) {
   int low = 255;
   int high = 0;
-  for (int j = std::max(y - 1, 0); j <= std::min(y + 1, picture.height - 1); ++j) {
-    for (int i = std::max(x - 1, 0); i <= std::min(x + 1, picture.width - 1); ++i) {
-      low = std::min(low, picture.red(i, j));
-      high = std::max(high, picture.red(i, j));
+  for (int j = std::max(y - 1, 0); j <= std::min(y + 1, image.height - 1); ++j) {
+    for (int i = std::max(x - 1, 0); i <= std::min(x + 1, image.width - 1); ++i) {
+      low = std::min(low, image.red(i, j));
+      high = std::max(high, image.red(i, j));
     }
   }
   return std::max({low - value, value - high, 0.0});
@@ -174,7 +174,7 @@ TEST(ReceivingLevels, AreCloselySpacedOnSlopes) {
 
 TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
   std::mt19937 random(3);
-  std::uniform_real_distribution<double> place(-0.2, 0.2);
+  std::uniform_real_distribution<double> coordinate(-0.2, 0.2);
   int with_levels = 0;
   for (int i = 0; i < 200; ++i) {
     ShapeBuilder soup;
@@ -183,7 +183,7 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
     const Placement placement = test::at(0, 0, 0.05, {1, 2, 3}, 0.1 * i);
     for (int face = 0; face < 12; ++face) {
       const auto corner = [&] {
-        const Eigen::Vector3d p(place(random), place(random), place(random));
+        const Eigen::Vector3d p(coordinate(random), coordinate(random), coordinate(random));
         const double z = (placement * p).z();
         lowest = std::min(lowest, std::max(z, 0.0));
         highest = std::max(highest, z);
@@ -204,13 +204,13 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
     EXPECT_GE(levels.front(), lowest - 1e-6);
     EXPECT_LE(levels.back(), highest + 1e-6);
     // Reversed winding gives the same levels.
-    Model turned = model;
-    for (Mesh& mesh : turned.meshes) {
+    Model reversed = model;
+    for (Mesh& mesh : reversed.meshes) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3)
         std::swap(mesh.indices[k], mesh.indices[k + 1]);
     }
     EXPECT_EQ(
-        ReceivingSurface(turned, placement, PlaneFrame()).levels(kEverywhere, 10.0, max_levels),
+        ReceivingSurface(reversed, placement, PlaneFrame()).levels(kEverywhere, 10.0, max_levels),
         levels);
   }
   EXPECT_GT(with_levels, 190);
@@ -295,9 +295,9 @@ class RemainingLight {
     casters_.push_back({std::move(mesh), std::move(kernels), placement});
   }
   [[nodiscard]] double at(const Eigen::Vector3d& p) const {
-    double left = 1.0;
-    for (const Caster& caster : casters_) left = std::min(left, under(caster, p));
-    return left;
+    double light_left = 1.0;
+    for (const Caster& caster : casters_) light_left = std::min(light_left, under(caster, p));
+    return light_left;
   }
 
  private:
@@ -334,11 +334,11 @@ class RemainingLight {
 };
 
 // Scales the view about the frame's corner, half a pixel before the centre of pixel (0, 0).
-CameraModel camera_by(int times) {
+CameraModel camera_by(int scale) {
   CameraParameters p;
-  p.width = p.height = kSide * times;
-  p.fx = p.fy = 420.0 * times;
-  p.cx = p.cy = 150.5 * times - 0.5;
+  p.width = p.height = kSide * scale;
+  p.fx = p.fy = 420.0 * scale;
+  p.cx = p.cy = 150.5 * scale - 0.5;
   return CameraModel::make(p).value();
 }
 struct CasterAt {
@@ -370,12 +370,12 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
       for (const CasterAt& caster : some_casters(count))
         builder.add(caster.model, caster.placement);
       builder.add(ground.model, ground.placement, false, true);
-      const auto draw = [scene = builder.build()](int times, LayerDrawing layers) {
-        Studio studio(scene, camera_by(times));
+      const auto draw = [scene = builder.build()](int scale, LayerDrawing layers) {
+        Studio studio(scene, camera_by(scale));
         FramePlan plan = studio.plan(from({0.05, -0.3, 0.6}));
         plan.shadows.clear();
         plan.layers = layers;
-        return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
+        return studio.draw_shadows(test::plain_frame(kSide * scale, kSide * scale, 255), plan);
       };
       // Direct drawing and masks agree except at edges.
       const RenderedImage fine = draw(4, LayerDrawing::direct);
@@ -404,11 +404,11 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
       builder.add(solid(beam.build()), test::at(-0.05, -0.01, 0.13, {0.0, 0.0, 1.0}, 0.1));
       builder.add(box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03), false, true);
       const auto scene = builder.build();
-      const auto draw = [&](Studio& studio, int times, LayerDrawing layers) {
+      const auto draw = [&](Studio& studio, int scale, LayerDrawing layers) {
         FramePlan plan = studio.plan(from({0.05, -0.3, 0.6}));
         plan.shadows.clear();
         plan.layers = layers;
-        return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
+        return studio.draw_shadows(test::plain_frame(kSide * scale, kSide * scale, 255), plan);
       };
       Studio coarse(scene, camera_by(1));
       Studio fine(scene, camera_by(4));
@@ -434,7 +434,7 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
 // The reference is the exact shadow at each height, sampled at 4 x 4 points of each pixel.
 TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   constexpr double kSlope = 0.4;
-  constexpr double kOnTheRim = -1.0;  // the sample is outside the ramp
+  constexpr double kOutsideRamp = -1.0;  // the sample is outside the ramp
   for (const int count : {1, 3}) {
     SCOPED_TRACE(count);
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -449,7 +449,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
     const PoseEstimate pose = from(eye);
     FramePlan plan = studio.plan(pose);
     plan.shadows.clear();
-    const RenderedImage picture = studio.draw_shadows(white(), plan);
+    const RenderedImage image = studio.draw_shadows(white(), plan);
     // Plane of the ramp: z = 0.001 - 0.1 + slope * (x + 0.4).
     const Eigen::Vector3d normal(-kSlope, 0.0, 1.0);
     const double offset = 0.001 - 0.1 + kSlope * 0.4;
@@ -457,7 +457,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
       const Eigen::Vector3d d =
           pose.T_table_camera.rotation() * camera_by(1).unproject({x, y}).value();
       const Eigen::Vector3d p = eye + (offset - normal.dot(eye)) / normal.dot(d) * d;
-      if (std::abs(p.y()) > 0.047) return kOnTheRim;
+      if (std::abs(p.y()) > 0.047) return kOutsideRamp;
       const double lost = (1.0 - remaining_light.at(p)) / normal.norm();
       return 255.0 * std::pow(1.0 - lost, 1.0 / 2.2);
     };
@@ -468,14 +468,14 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
         const double corners[] = {expected_at(x - 0.5, y - 0.5), expected_at(x + 0.5, y - 0.5),
                                   expected_at(x - 0.5, y + 0.5), expected_at(x + 0.5, y + 0.5)};
         if (std::ranges::count(corners, corners[0]) == 4) continue;
-        if (std::ranges::count(corners, kOnTheRim) > 0) continue;
+        if (std::ranges::count(corners, kOutsideRamp) > 0) continue;
         double total = 0.0;
         for (int i = 0; i < 16; ++i) {
           const double value =
               expected_at(x + (i % 4 - 1.5) / 4.0, y + (static_cast<double>(i / 4) - 1.5) / 4.0);
           total += value;
         }
-        sum += std::pow(picture.red(x, y) - total / 16.0, 2);
+        sum += std::pow(image.red(x, y) - total / 16.0, 2);
         ++edges;
       }
     }
@@ -505,7 +505,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   const Eigen::Vector3d eye(0.15, -0.4, 0.5);
   const PoseEstimate pose = from(eye);
   const FramePlan plan = without_caster(studio.plan(pose));
-  const RenderedImage picture = studio.draw(white(), plan);
+  const RenderedImage image = studio.draw(white(), plan);
   const RenderedImage unshadowed = studio.draw(white(), without_received(plan));
 
   RemainingLight remaining_light(studio.scene().shadows[0]);
@@ -518,16 +518,16 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
       const auto ray = camera().unproject({static_cast<double>(x), static_cast<double>(y)});
       const Eigen::Vector3d d = (pose.T_table_camera.rotation() * *ray).normalized();
       const double b = d.dot(eye - middle);
-      const double under = b * b - (eye - middle).squaredNorm() + kRadius * kRadius;
-      if (under < 4e-5) continue;  // near the silhouette, which is a polyline
-      const Eigen::Vector3d p = eye + (-b - std::sqrt(under)) * d;
+      const double discriminant = b * b - (eye - middle).squaredNorm() + kRadius * kRadius;
+      if (discriminant < 4e-5) continue;  // near the silhouette, which is a polyline
+      const Eigen::Vector3d p = eye + (-b - std::sqrt(discriminant)) * d;
       const double facing = std::max((p - middle).z() / kRadius, 0.0);
       const double lost = (1.0 - remaining_light.at(p)) * facing;
       const double expected = unshadowed.red(x, y) * std::pow(1.0 - lost, 1.0 / 2.2);
       ++on_ball;
       dark += expected < 0.94 * unshadowed.red(x, y) ? 1 : 0;
       // Normals of neighbouring faces differ by 4 degrees.
-      wrong += std::abs(picture.red(x, y) - expected) > 14.0 ? 1 : 0;
+      wrong += std::abs(image.red(x, y) - expected) > 14.0 ? 1 : 0;
     }
   }
   EXPECT_GT(on_ball, 800);
@@ -550,20 +550,20 @@ TEST_P(PhantomShadow, FallsOnlyDownwards) {
 // Adds an L and a box at random positions, upright or tilted. The box is a phantom, or a virtual
 // object that also casts a shadow.
 void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, bool phantom) {
-  const auto within = [&random](double low, double high) {
+  const auto uniform = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
-  builder.add(l_shape(), test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.0, 0.3),
-                                  {1, 1, 0}, within(0, 3)));
-  builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
-              test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(-0.05, 0.1), {0, 1, 1},
-                       upright ? 0.0 : within(0, 3)),
+  builder.add(l_shape(), test::at(uniform(-0.12, 0.12), uniform(-0.12, 0.12), uniform(0.0, 0.3),
+                                  {1, 1, 0}, uniform(0, 3)));
+  builder.add(box(uniform(0.02, 0.1), uniform(0.02, 0.1), uniform(0.02, 0.1)),
+              test::at(uniform(-0.12, 0.12), uniform(-0.12, 0.12), uniform(-0.05, 0.1), {0, 1, 1},
+                       upright ? 0.0 : uniform(0, 3)),
               !phantom, phantom);
 }
 
 TEST_P(PhantomShadow, IsIndependentOfSkipping) {
   std::mt19937 random(5);
-  int left_out = 0;
+  int skipped = 0;
   int drawn = 0;
   for (int i = 0; i < 16; ++i) {
     SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
@@ -573,15 +573,15 @@ TEST_P(PhantomShadow, IsIndependentOfSkipping) {
     PlanOptions all;
     all.skip = false;
     const FramePlan skipping = studio.plan(pose);
-    const FramePlan whole = studio.plan(pose, all);
-    EXPECT_EQ(whole.received_shadows.size(), 1U);
-    (skipping.received_shadows.empty() ? left_out : drawn) += 1;
+    const FramePlan complete = studio.plan(pose, all);
+    EXPECT_EQ(complete.received_shadows.size(), 1U);
+    (skipping.received_shadows.empty() ? skipped : drawn) += 1;
     EXPECT_EQ(std::ranges::count(skipping.skipped, SkipReason::shadow_misses_phantoms,
                                  &SkippedPass::reason),
               skipping.received_shadows.empty() ? 1 : 0);
-    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole)) << i;
+    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), complete)) << i;
   }
-  EXPECT_GT(left_out, 1);
+  EXPECT_GT(skipped, 1);
   EXPECT_GT(drawn, 3);
 }
 
@@ -600,22 +600,22 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1)
       << "a phantom's top is not a plane of the scene";
   const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}), direct);
-  const RenderedImage kept = studio.draw(white(), moved);
+  const RenderedImage reused = studio.draw(white(), moved);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 0);
   EXPECT_EQ(studio.stats()[Counter::masks_kept], 1);
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   EXPECT_EQ(studio.stats()[Counter::passes_skipped], first[Counter::passes_skipped]);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], first[Counter::proxy_shadows]);
   Studio fresh(scene, camera());
-  EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
+  EXPECT_EQ(reused, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
   // If the caster slides, the shadow is redrawn from its stored geometry.
   FramePlan slid = moved;
   for (ShadowDraw& draw : slid.shadows) draw.T_table_object.position.x() += 0.01;
   for (ReceivedShadowDraw& draw : slid.received_shadows)
     draw.shadow.T_table_object.position.x() += 0.01;
-  EXPECT_NE(studio.draw(white(), slid), kept);
+  EXPECT_NE(studio.draw(white(), slid), reused);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
-  // For these techniques the shadow's extent is computed once, from all vertices.
+  // Except for fields and fixed lights, the shadow's extent is computed once, from all vertices.
   const bool measures_vertices = GetParam().technique != ShadowTechnique::field &&
                                  GetParam().light_mode == LightMode::proportional;
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], measures_vertices ? 14 : 0);
@@ -679,9 +679,10 @@ TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   }
 }
 
-// Numbers of dark pixels on a level part of a phantom and on a plane at its height.
+// Numbers of dark pixels on a level part of a phantom and on a plane at its height, and of pixels
+// that differ between the two.
 struct DarkPixels {
-  int on_phantom = 0, on_plane = 0, unlike = 0;
+  int on_phantom = 0, on_plane = 0, differing = 0;
 };
 DarkPixels compare(const Model& phantom, const std::shared_ptr<const Model>& caster,
                    const Placement& placement, double height, const Eigen::AlignedBox2d& part,
@@ -712,7 +713,7 @@ DarkPixels compare(const Model& phantom, const std::shared_ptr<const Model>& cas
       if (!part.contains(Eigen::Vector2d(p.head<2>()))) continue;
       result.on_phantom += on_phantom.red(x, y) < 250 ? 1 : 0;
       result.on_plane += on_plane.red(x, y) < 250 ? 1 : 0;
-      result.unlike += off(on_phantom.red(x, y), on_plane, x, y) > 3.0 ? 1 : 0;
+      result.differing += off(on_phantom.red(x, y), on_plane, x, y) > 3.0 ? 1 : 0;
     }
   }
   return result;
@@ -729,11 +730,11 @@ TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
     SCOPED_TRACE(step);
     const double height = 0.015 * (step + 1);
     const double x = 0.02 * step + 0.01;
-    const DarkPixels both =
+    const DarkPixels pixels =
         compare(staircase(), box(0.012, 0.06, 0.01), test::at(x, 0.0, height + 0.005), height,
                 around(x, 0.0, 0.0095, 0.045));
-    EXPECT_GT(both.on_plane, 60);
-    EXPECT_LT(both.unlike, 0.01 * both.on_plane) << "pixels away from edges differ";
+    EXPECT_GT(pixels.on_plane, 60);
+    EXPECT_LT(pixels.differing, 0.01 * pixels.on_plane) << "pixels away from edges differ";
   }
 }
 
@@ -741,11 +742,11 @@ TEST(PhantomShadow, FallsFromPlateThinnerThanAdjacentStep) {
   ShapeBuilder shape;
   shape.box(-0.06, -0.06, 0.0, 0.06, 0.06, 0.03);
   shape.box(0.04, -0.06, 0.0, 0.06, 0.06, 0.0304);
-  const DarkPixels both =
+  const DarkPixels pixels =
       compare(shape.build(), box(0.05, 0.05, 0.0003), test::at(-0.01, 0.0, 0.03015), 0.03,
               around(0.0, 0.0, 0.039, 0.055));
-  EXPECT_GT(both.on_plane, 400);
-  EXPECT_LT(both.unlike, 0.01 * both.on_plane);
+  EXPECT_GT(pixels.on_plane, 400);
+  EXPECT_LT(pixels.differing, 0.01 * pixels.on_plane);
 }
 
 // A face without a normal is treated as facing the camera, so that no pixel becomes NaN.
@@ -756,12 +757,12 @@ TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   builder.add(l_shape(), test::at(0, 0, 0.15));
   builder.add(std::make_shared<const Model>(bare), Placement(), false, true);
   Studio studio(builder.build(), camera());
-  const RenderedImage picture = draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
+  const RenderedImage image = draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      dark += picture.red(x, y) < 250 ? 1 : 0;
-      EXPECT_GT(picture.red(x, y), 100) << x << " " << y;
+      dark += image.red(x, y) < 250 ? 1 : 0;
+      EXPECT_GT(image.red(x, y), 100) << x << " " << y;
     }
   }
   EXPECT_GT(dark, 800);
@@ -769,15 +770,15 @@ TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
 
 // Reversed winding gives the same shadow.
 TEST(PhantomShadow, IsIndependentOfFaceWinding) {
-  Model turned = standing_box(0.12, 0.06);
-  for (Mesh& mesh : turned.meshes) {
+  Model reversed = standing_box(0.12, 0.06);
+  for (Mesh& mesh : reversed.meshes) {
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3)
       std::swap(mesh.indices[i], mesh.indices[i + 1]);
   }
-  const DarkPixels both =
-      compare(turned, l_shape(), test::at(0, 0, 0.15), 0.06, around(0, 0, 0.055, 0.055));
-  EXPECT_GT(both.on_plane, 800);
-  EXPECT_LT(both.unlike, 0.01 * both.on_plane);
+  const DarkPixels pixels =
+      compare(reversed, l_shape(), test::at(0, 0, 0.15), 0.06, around(0, 0, 0.055, 0.055));
+  EXPECT_GT(pixels.on_plane, 800);
+  EXPECT_LT(pixels.differing, 0.01 * pixels.on_plane);
 }
 
 // For one caster, the first layer that covers a pixel counts, as on planes, even if it is fainter
@@ -792,10 +793,10 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
         for (ReceivedShadowDraw& draw : plan.received_shadows) lightest_first(draw.shadow);
       });
   EXPECT_GT(fractions.on_plane, 800);
-  EXPECT_LT(fractions.unlike, 0.01 * fractions.on_plane);
+  EXPECT_LT(fractions.differing, 0.01 * fractions.on_plane);
   const DarkPixels opacity =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
-        // Adds a second, fainter caster beside it.
+        // Adds a second, fainter caster beside the first.
         const auto add_faint = [](auto& draws, const auto& shadow_of) {
           const auto count = draws.size();
           for (std::size_t i = 0; i < count; ++i) {
@@ -816,7 +817,7 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
                   [](ReceivedShadowDraw& draw) -> ShadowDraw& { return draw.shadow; });
       });
   EXPECT_GT(opacity.on_plane, 800);
-  EXPECT_LT(opacity.unlike, 0.01 * opacity.on_plane);
+  EXPECT_LT(opacity.differing, 0.01 * opacity.on_plane);
 }
 
 // The shadow must not depend on another caster's shadow elsewhere on the receiver, whether they are
@@ -841,15 +842,15 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
     plan.translucency = alone.translucency = mode;
     const RenderedImage both = studio.draw(white(), plan);
     const RenderedImage one = studio.draw(white(), alone);
-    int unlike = 0;
+    int differing = 0;
     int elsewhere = 0;
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         const bool other = x > 155;
-        (other ? elsewhere : unlike) += both.red(x, y) != one.red(x, y) ? 1 : 0;
+        (other ? elsewhere : differing) += both.red(x, y) != one.red(x, y) ? 1 : 0;
       }
     }
-    EXPECT_EQ(unlike, 0);
+    EXPECT_EQ(differing, 0);
     EXPECT_GT(elsewhere, 500);
     for (int i = 3; i < 4 * kSide * kSide; i += 4)
       ASSERT_EQ(both.rgba[static_cast<std::size_t>(i)], 255);
@@ -884,7 +885,7 @@ TEST(PhantomShadow, StaysBelowItsCaster) {
 
 // The result must not depend on the order of two planes that meet at an angle.
 TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
-  const auto picture = [](bool swapped) {
+  const auto image = [](bool swapped) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     ScenePlane& board = builder.scene().planes.emplace_back(builder.scene().planes[0]);
     board.normal = Eigen::Vector3d(0.0, -1.0, 1.0).normalized();
@@ -899,17 +900,17 @@ TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
     EXPECT_EQ(plan.received_shadows.size(), 2U);
     return draw_directly(studio, plan);
   };
-  const RenderedImage one = picture(false);
-  const RenderedImage other = picture(true);
-  int unlike = 0;
-  for (std::size_t i = 0; i < one.rgba.size(); ++i)
-    unlike += std::abs(one.rgba[i] - other.rgba[i]) > 1 ? 1 : 0;
-  EXPECT_EQ(unlike, 0);
+  const RenderedImage in_order = image(false);
+  const RenderedImage in_swapped_order = image(true);
+  int differing = 0;
+  for (std::size_t i = 0; i < in_order.rgba.size(); ++i)
+    differing += std::abs(in_order.rgba[i] - in_swapped_order.rgba[i]) > 1 ? 1 : 0;
+  EXPECT_EQ(differing, 0);
 }
 
 // The pass must restore the OpenGL state that later passes depend on.
 TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
-  const auto picture = [](bool simple, bool hard) {
+  const auto image = [](bool simple, bool hard) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
     builder.scene().lights.emplace_back().position = {0.3, 0.1, 0.6};
     // The plane is too small to show the shadow.
@@ -933,19 +934,19 @@ TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
     for (ReceivedShadowDraw& draw : plan.received_shadows) draw.shadow.plane = 1;
     return draw_directly(studio, plan);
   };
-  const RenderedImage both = picture(true, true);
-  const RenderedImage simple = picture(true, false);
-  const RenderedImage hard = picture(false, true);
-  int unlike = 0;
+  const RenderedImage both = image(true, true);
+  const RenderedImage simple = image(true, false);
+  const RenderedImage hard = image(false, true);
+  int differing = 0;
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       dark += simple.red(x, y) < 250 ? 1 : 0;
-      unlike += std::abs(both.red(x, y) - simple.red(x, y) * hard.red(x, y) / 255) > 2 ? 1 : 0;
+      differing += std::abs(both.red(x, y) - simple.red(x, y) * hard.red(x, y) / 255) > 2 ? 1 : 0;
     }
   }
   EXPECT_GT(dark, 200);
-  EXPECT_EQ(unlike, 0);
+  EXPECT_EQ(differing, 0);
 }
 
 // Skipping one caster must not change the shadows of others on the same phantom.
@@ -970,7 +971,7 @@ TEST(PhantomShadow, IsIndependentOfSkippedNodes) {
 
 // Several casters, or coincident planes, darken a pixel once, by the darkest shadow.
 TEST(PhantomShadow, DarkensPixelOnce) {
-  const auto picture = [](int casters, int planes) {
+  const auto image = [](int casters, int planes) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
     for (int i = 0; i < casters; ++i) {
       builder.add(box(0.05, 0.05, 0.01), test::at(0.0, 0.0, 0.1 + 0.05 * i));
@@ -983,10 +984,10 @@ TEST(PhantomShadow, DarkensPixelOnce) {
     Studio studio(builder.build(), camera());
     return draw_directly(studio, studio.plan(from({0.1, -0.3, 0.5})));
   };
-  const RenderedImage once = picture(1, 1);
-  EXPECT_EQ(picture(2, 1), once);
-  EXPECT_EQ(picture(1, 2), once);
-  EXPECT_EQ(picture(3, 3), once);
+  const RenderedImage once = image(1, 1);
+  EXPECT_EQ(image(2, 1), once);
+  EXPECT_EQ(image(1, 2), once);
+  EXPECT_EQ(image(3, 3), once);
 }
 
 // A board's shadow falls along the board's normal, onto the box in front of it.
@@ -999,11 +1000,11 @@ TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   Studio studio(builder.build(), camera());
   const Eigen::Vector3d eye(0.1, -0.6, 0.35);
   const PoseEstimate pose = from(eye);
-  const RenderedImage picture = draw_directly(studio, studio.plan(pose));
-  const auto red_at = [&](const Eigen::Vector3d& place) {
-    const auto pixel = camera().project(pose.T_table_camera.inverse() * place);
-    return picture.red(static_cast<int>(std::lround(pixel->x())),
-                       static_cast<int>(std::lround(pixel->y())));
+  const RenderedImage image = draw_directly(studio, studio.plan(pose));
+  const auto red_at = [&](const Eigen::Vector3d& point) {
+    const auto pixel = camera().project(pose.T_table_camera.inverse() * point);
+    return image.red(static_cast<int>(std::lround(pixel->x())),
+                     static_cast<int>(std::lround(pixel->y())));
   };
   EXPECT_LT(red_at({0.0, 0.0, 0.05}), 200) << "the box's front";
   EXPECT_EQ(red_at({0.04, 0.0, 0.05}), 255);
@@ -1045,8 +1046,8 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
       const Eigen::Vector3d p = eye + (kTop - eye.z()) / d.z() * d;
       if (std::abs(p.x() - 0.02) < 0.0595 && std::abs(p.y()) < 0.0495) {
         dark += on_plane.red(x, y) < 250 ? 1 : 0;
-        const double left = 255.0 * shadowed.red(x, y) / unshadowed.red(x, y);
-        wrong += off(left, on_plane, x, y) > 3.0 ? 1 : 0;
+        const double light_left = 255.0 * shadowed.red(x, y) / unshadowed.red(x, y);
+        wrong += off(light_left, on_plane, x, y) > 3.0 ? 1 : 0;
         continue;
       }
       const Eigen::Vector3d q = eye + (-0.05 - eye.y()) / d.y() * d;
@@ -1064,21 +1065,21 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
 // parts. Skipping layers must not remove a visible pixel of the shadow.
 TEST(PhantomShadow, MatchesPlaneShadowOnObjectTopAtRandomHeight) {
   std::mt19937 random(11);
-  const auto within = [&random](double low, double high) {
+  const auto uniform = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
   int on_any = 0;
   for (int i = 0; i < 10; ++i) {
     SCOPED_TRACE(i);
-    const double top = within(0.02, 0.1);
+    const double top = uniform(0.02, 0.1);
     const Placement placement =
-        test::at(within(-0.03, 0.03), within(-0.03, 0.03), top + within(-0.02, 0.22),
-                 {1, within(-1, 1), 0.3}, within(0, 3));
-    const auto draw = [&](bool object) {
+        test::at(uniform(-0.03, 0.03), uniform(-0.03, 0.03), top + uniform(-0.02, 0.22),
+                 {1, uniform(-1, 1), 0.3}, uniform(0, 3));
+    const auto draw = [&](bool with_phantom) {
       SceneBuilder builder = builder_with(ShadowTechnique::layered);
       builder.scene().shadows[0].layered = make_layered_constants(0.3, 2.0, 0.0).value();
       builder.add(l_shape(), placement);
-      if (object) {
+      if (with_phantom) {
         builder.add(box(0.5, 0.5, top), test::at(0, 0, top / 2), false, true);
       } else {
         builder.scene().planes[0].point = {0.0, 0.0, top};
@@ -1086,12 +1087,12 @@ TEST(PhantomShadow, MatchesPlaneShadowOnObjectTopAtRandomHeight) {
       Studio studio(builder.build(), camera());
       return draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
     };
-    const RenderedImage on_object = draw(true);
+    const RenderedImage on_phantom = draw(true);
     const RenderedImage on_plane = draw(false);
     const PoseEstimate pose = from({0.1, -0.35, 0.6});
     const Eigen::Vector3d eye = pose.T_table_camera.translation();
     int dark = 0;
-    int unlike = 0;
+    int differing = 0;
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         const auto ray = camera().unproject({static_cast<double>(x), static_cast<double>(y)});
@@ -1099,11 +1100,11 @@ TEST(PhantomShadow, MatchesPlaneShadowOnObjectTopAtRandomHeight) {
         const Eigen::Vector3d p = eye + (top - eye.z()) / d.z() * d;
         if (std::max(std::abs(p.x()), std::abs(p.y())) > 0.248) continue;
         dark += on_plane.red(x, y) < 250 ? 1 : 0;
-        unlike += off(on_object.red(x, y), on_plane, x, y) > 2.0 ? 1 : 0;
+        differing += off(on_phantom.red(x, y), on_plane, x, y) > 2.0 ? 1 : 0;
       }
     }
     on_any += dark;
-    EXPECT_LT(unlike, 0.01 * dark) << "pixels away from edges differ; dark: " << dark;
+    EXPECT_LT(differing, 0.01 * dark) << "pixels away from edges differ; dark: " << dark;
   }
   EXPECT_GT(on_any, 10000);
 }
@@ -1167,31 +1168,31 @@ TEST_P(PhantomShadow, ShowsDarkestCasterOnObject) {
   Studio studio(builder.build(), camera());
   FramePlan plan = studio.plan(from({0.1, -0.35, 0.6}));
   std::erase_if(plan.objects, [](const ObjectDraw& draw) { return draw.object < 2; });
-  const auto of = [&](int caster) {
-    FramePlan one = plan;
-    std::erase_if(one.received_shadows, [caster](const ReceivedShadowDraw& draw) {
+  const auto image_under = [&](int caster) {
+    FramePlan single = plan;
+    std::erase_if(single.received_shadows, [caster](const ReceivedShadowDraw& draw) {
       return draw.shadow.object != caster;
     });
-    return studio.draw(white(), one);
+    return studio.draw(white(), single);
   };
-  const RenderedImage a = of(first);
-  const RenderedImage b = of(second);
+  const RenderedImage a = image_under(first);
+  const RenderedImage b = image_under(second);
   const RenderedImage both = studio.draw(white(), plan);
-  int unlike = 0;
+  int differing = 0;
   int of_both = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      unlike += both.red(x, y) != std::min(a.red(x, y), b.red(x, y)) ? 1 : 0;
+      differing += both.red(x, y) != std::min(a.red(x, y), b.red(x, y)) ? 1 : 0;
       of_both += a.red(x, y) != b.red(x, y) ? 1 : 0;
     }
   }
-  EXPECT_EQ(unlike, 0);
+  EXPECT_EQ(differing, 0);
   EXPECT_GT(of_both, 500);
 }
 
 TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
   std::mt19937 random(6);
-  int left_out = 0;
+  int skipped = 0;
   int drawn = 0;
   for (int i = 0; i < 12; ++i) {
     SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
@@ -1201,20 +1202,20 @@ TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
     PlanOptions all;
     all.skip = false;
     const FramePlan skipping = studio.plan(pose);
-    const FramePlan whole = studio.plan(pose, all);
-    EXPECT_EQ(whole.received_shadows.size(), 2U);
+    const FramePlan complete = studio.plan(pose, all);
+    EXPECT_EQ(complete.received_shadows.size(), 2U);
     const auto missed = std::ranges::count(skipping.skipped, SkipReason::shadow_misses_objects,
                                            &SkippedPass::reason);
     EXPECT_EQ(static_cast<std::size_t>(missed) + skipping.received_shadows.size(), 2U);
-    left_out += static_cast<int>(missed);
+    skipped += static_cast<int>(missed);
     drawn += static_cast<int>(skipping.received_shadows.size());
-    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole)) << i;
+    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), complete)) << i;
     if (skipping.received_shadows.empty()) {
       studio.draw(white(), skipping);
       EXPECT_EQ(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
     }
   }
-  EXPECT_GT(left_out, 1);
+  EXPECT_GT(skipped, 1);
   EXPECT_GT(drawn, 3);
 }
 
@@ -1243,15 +1244,15 @@ TEST(PhantomShadow, SkipsBlendedReceivers) {
     PlanOptions all;
     all.skip = false;
     const FramePlan skipping = studio.plan(from({0.1, -0.35, 0.6}));
-    const FramePlan whole = studio.plan(from({0.1, -0.35, 0.6}), all);
+    const FramePlan complete = studio.plan(from({0.1, -0.35, 0.6}), all);
     EXPECT_EQ(skipping.received_shadows.size(), c.receives ? 1U : 0U);
     EXPECT_EQ(
         std::ranges::count(skipping.skipped, SkipReason::receiver_blends, &SkippedPass::reason),
         c.receives ? 0 : 1);
-    EXPECT_GE(whole.received_shadows.size(), 1U);
-    EXPECT_EQ(std::ranges::count(whole.skipped, SkipReason::receiver_blends, &SkippedPass::reason),
-              0);
-    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole));
+    EXPECT_GE(complete.received_shadows.size(), 1U);
+    EXPECT_EQ(
+        std::ranges::count(complete.skipped, SkipReason::receiver_blends, &SkippedPass::reason), 0);
+    EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), complete));
   }
 }
 
@@ -1271,19 +1272,19 @@ TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   };
   const RenderedImage blended = drawn(Translucency::blend, true);
   const RenderedImage retextured = drawn(Translucency::retexture, true);
-  const RenderedImage door = drawn(Translucency::mesh, true);
+  const RenderedImage dithered = drawn(Translucency::mesh, true);
   const RenderedImage lit = drawn(Translucency::blend, false);
-  int unlike = 0;
+  int differing = 0;
   int dark = 0;
   int black = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      unlike += std::abs(blended.red(x, y) - retextured.red(x, y)) > 1 ? 1 : 0;
+      differing += std::abs(blended.red(x, y) - retextured.red(x, y)) > 1 ? 1 : 0;
       dark += blended.red(x, y) < lit.red(x, y) ? 1 : 0;
-      black += door.red(x, y) == 0 && lit.red(x, y) > 0 && blended.red(x, y) < lit.red(x, y);
+      black += dithered.red(x, y) == 0 && lit.red(x, y) > 0 && blended.red(x, y) < lit.red(x, y);
     }
   }
-  EXPECT_EQ(unlike, 0);
+  EXPECT_EQ(differing, 0);
   EXPECT_GT(dark, 1000);
   EXPECT_GT(black, 0.1 * dark);
   EXPECT_LT(black, 0.9 * dark);
@@ -1304,10 +1305,10 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
     options.skip = skip;
     options.layers = LayerDrawing::mask;
     const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
-    EXPECT_EQ(plan.caster_receiver_pairs, 1U);
-    const RenderedImage picture = studio.draw(white(), plan);
+    EXPECT_EQ(plan.meeting_pairs, 1U);
+    const RenderedImage image = studio.draw(white(), plan);
     EXPECT_GT(studio.stats()[Counter::masks_drawn], 0);
-    return picture;
+    return image;
   };
   const RenderedImage alone = drawn(0, true);
   EXPECT_EQ(alone, drawn(40, true));
@@ -1315,7 +1316,7 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
 }
 
 // Under a caster at a large distance, a slope has fewer, evenly spaced levels. Elsewhere the
-// spacing is the usual one.
+// spacing is kLevelStep.
 TEST(ReceivingLevels, AreSpacedWiderUnderHighCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});

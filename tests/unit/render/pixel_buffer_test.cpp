@@ -26,7 +26,7 @@ CompositorOptions with_pixel_buffers(bool on) {
   return options;
 }
 
-// A frame of noise with `gap` bytes of padding at the end of each row.
+// Returns a frame of noise with `gap` bytes of padding at the end of each row.
 Frame noise_of(PixelFormat format, int width, int height, int gap, unsigned seed) {
   FrameBuffer buffer = allocate_frame(format, width, height);
   Frame frame = buffer.frame;
@@ -76,10 +76,10 @@ TEST_P(PixelBuffers, UploadVideoUnchangedInEveryFormatSizeAndStride) {
         const RenderedImage expected = direct->draw(frame, FramePlan());
         EXPECT_EQ(direct->stats()[Counter::video_copies], 1);
         EXPECT_EQ(direct->stats()[Counter::pixel_buffer_uploads], 0);
-        const RenderedImage got = buffered->draw(frame, FramePlan());
+        const RenderedImage uploaded = buffered->draw(frame, FramePlan());
         EXPECT_EQ(buffered->stats()[Counter::video_copies], 1);
         EXPECT_EQ(buffered->stats()[Counter::pixel_buffer_uploads], 1);
-        ASSERT_EQ(got.rgba, expected.rgba)
+        ASSERT_EQ(uploaded.rgba, expected.rgba)
             << static_cast<int>(format) << " " << width << " " << gap;
       }
     }
@@ -140,13 +140,13 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
     CompositorOptions options = with_pixel_buffers(true);
     options.msaa = samples;
     const auto shown = studio(37, 23, options);
-    const auto at_once = studio(37, 23, with_pixel_buffers(false));
+    const auto direct = studio(37, 23, with_pixel_buffers(false));
     Compositor& compositor = shown->compositor();
     RenderedImage got{37, 23, std::vector<std::uint8_t>(std::size_t{4} * 37 * 23)};
     std::vector<RenderedImage> expected;
     for (unsigned i = 0; i < 7; ++i) {
       const Frame frame = noise_of(PixelFormat::yuv444p, 37, 23, 1, i);
-      expected.push_back(at_once->draw(frame, FramePlan()));
+      expected.push_back(direct->draw(frame, FramePlan()));
       // A screenshot reads the pending frame at once.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
       EXPECT_EQ(compositor.pending_images(), i > 0 ? 1U : 0U);
@@ -182,9 +182,9 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
           unmap(target);
           return GL_FALSE;
         });
-    const auto taken = compositor.take_image(image.rgba);
-    ASSERT_FALSE(taken);
-    EXPECT_NE(taken.error().message.find("--pixel-buffers off"), std::string::npos);
+    const auto result = compositor.take_image(image.rgba);
+    ASSERT_FALSE(result);
+    EXPECT_NE(result.error().message.find("--pixel-buffers off"), std::string::npos);
   }
   EXPECT_EQ(compositor.pending_images(), 0U);
   const RenderedImage expected = shown->draw(small_noise(3), FramePlan());

@@ -35,12 +35,13 @@ struct Areas {
 };
 
 Areas areas_of(const Polygon& corners, const PolygonSplit& split) {
-  const auto place = [&](std::uint32_t i) {
+  const auto position_of = [&](std::uint32_t i) {
     return i < corners.size() ? corners[i] : split.added.at(i - corners.size()).position;
   };
   Areas areas;
   for (const auto& t : split.triangles) {
-    const Eigen::Vector3d area = 0.5 * (place(t[1]) - place(t[0])).cross(place(t[2]) - place(t[0]));
+    const Eigen::Vector3d area =
+        0.5 * (position_of(t[1]) - position_of(t[0])).cross(position_of(t[2]) - position_of(t[0]));
     areas.vector += area;
     areas.sum += area.norm();
   }
@@ -49,10 +50,10 @@ Areas areas_of(const Polygon& corners, const PolygonSplit& split) {
 
 Polygon in_space(const Outline& outline, double size = 1.0,
                  const Eigen::Quaterniond& rotation = Eigen::Quaterniond::Identity(),
-                 const Eigen::Vector3d& place = Eigen::Vector3d::Zero()) {
+                 const Eigen::Vector3d& offset = Eigen::Vector3d::Zero()) {
   Polygon corners;
   for (const Eigen::Vector2d& p : outline) {
-    corners.emplace_back(rotation * Eigen::Vector3d(size * p.x(), size * p.y(), 0.0) + place);
+    corners.emplace_back(rotation * Eigen::Vector3d(size * p.x(), size * p.y(), 0.0) + offset);
   }
   return corners;
 }
@@ -132,13 +133,13 @@ Outline skyline(std::size_t corners, Random& random) {
   return outline;
 }
 
-// A star with a star-shaped hole, joined to it by a bridge.
+// A star with a star-shaped hole, which a bridge joins to the outline.
 Outline keyhole(std::size_t corners, Random& random) {
-  const std::size_t each = std::max<std::size_t>(8, corners / 2);
-  Outline outline = star(each, random);
+  const std::size_t corners_per_star = std::max<std::size_t>(8, corners / 2);
+  Outline outline = star(corners_per_star, random);
   for (Eigen::Vector2d& p : outline) p *= 12.0;
   outline.push_back(outline.front());
-  Outline hole = star(each, random);
+  Outline hole = star(corners_per_star, random);
   outline.push_back(hole.front());
   outline.insert(outline.end(), hole.rbegin(), hole.rend());
   return outline;
@@ -183,10 +184,10 @@ TEST(PolygonSplitter, KeepsAreaOfRandomSimplePolygons) {
                                     between(random, -1, 1), between(random, -1, 1) + 1e-3)
                      .normalized();
     }
-    const Eigen::Vector3d place =
+    const Eigen::Vector3d offset =
         size * std::pow(10.0, between(random, -3.0, 4.0)) *
         Eigen::Vector3d(between(random, -1, 1), between(random, -1, 1), between(random, -1, 1));
-    expect_whole(outline, in_space(outline, size, rotation, place), size,
+    expect_whole(outline, in_space(outline, size, rotation, offset), size,
                  rotation * Eigen::Vector3d::UnitZ(), fmt::format("{} {}", kind, i));
   }
 }
@@ -263,7 +264,7 @@ TEST(PolygonSplitter, DetectsPolygonThatIsNotFlat) {
   const PolygonSplit& split = splitter.split(corners);
   EXPECT_FALSE(split.is_flat);
   EXPECT_FALSE(split.crosses_itself);
-  // For any split, the area vectors of the triangles add up to that of the outline.
+  // For any split, the area vectors of the triangles add up to the area vector of the outline.
   const Eigen::Vector3d outline = 0.5 * (corners[2] - corners[0]).cross(corners[3] - corners[1]);
   EXPECT_LT((areas_of(corners, split).vector - outline).norm(), 1e-9);
 }
@@ -301,14 +302,14 @@ TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
   // The limits apply per polygon, so one splitter handles many polygons.
   PolygonSplitter splitter;
   crossing.resize(60);
-  std::size_t refused = 0;
+  std::size_t rejected = 0;
   for (int i = 0; i < 20'000; ++i) {
     const PolygonSplit& split = splitter.split(in_space(crossing));
-    refused += split.outcome == PolygonSplit::Outcome::too_intricate ? 1 : 0;
+    rejected += split.outcome == PolygonSplit::Outcome::too_intricate ? 1 : 0;
   }
-  EXPECT_GT(refused, 10'000U);
-  const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - start;
-  EXPECT_LT(taken.count(), 60.0);
+  EXPECT_GT(rejected, 10'000U);
+  const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - start;
+  EXPECT_LT(duration.count(), 60.0);
 }
 
 TEST(PolygonSplitter, SplitsThousandsOfCorners) {

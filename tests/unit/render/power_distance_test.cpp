@@ -54,9 +54,10 @@ Truth ray_cast(const ShadowMesh& mesh, const Placement& placement, double H, dou
   std::fill(truth.all.bits.begin(), truth.all.bits.end(), std::uint8_t{1});
   constexpr int kRim = 128;
   for (int i = 0; i <= kRim; ++i) {
-    const double turn = 2.0 * std::numbers::pi * i / kRim;
-    const Eigen::Vector2d light =
-        i == kRim ? Eigen::Vector2d(0, 0) : Eigen::Vector2d(R * std::cos(turn), R * std::sin(turn));
+    const double angle = 2.0 * std::numbers::pi * i / kRim;
+    const Eigen::Vector2d light = i == kRim
+                                      ? Eigen::Vector2d(0, 0)
+                                      : Eigen::Vector2d(R * std::cos(angle), R * std::sin(angle));
     test::Mask shadow = empty;
     for (std::size_t f = 0; f < mesh.indices.size(); f += 3) {
       std::array<Eigen::Vector2d, 3> corners;
@@ -86,12 +87,12 @@ TEST(PowerDistance, MatchesRayCastShadowOfBox) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const ShadowField field = field_of(mesh, placement, constants);
   const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * 0.04, 0.12);
-  const auto agreement = [&](ShadowLayer layer, const test::Mask& expected) {
+  const auto iou_with = [&](ShadowLayer layer, const test::Mask& expected) {
     return test::iou(mask_of(field, layer, 0.12).bits, expected.bits);
   };
-  EXPECT_GT(agreement(ShadowLayer::middle, truth.centre), 0.985);
-  EXPECT_GT(agreement(ShadowLayer::penumbra, truth.any), 0.98);
-  EXPECT_GT(agreement(ShadowLayer::umbra, truth.all), 0.95);
+  EXPECT_GT(iou_with(ShadowLayer::middle, truth.centre), 0.985);
+  EXPECT_GT(iou_with(ShadowLayer::penumbra, truth.any), 0.98);
+  EXPECT_GT(iou_with(ShadowLayer::umbra, truth.all), 0.95);
 }
 
 TEST(PowerDistance, MatchesRayCastShadowOfSphere) {
@@ -114,8 +115,8 @@ TEST(PowerDistance, MatchesRayCastUmbraOfTiltedCasters) {
   test::ShapeBuilder cone;
   std::vector<std::uint32_t> ring;
   for (int i = 0; i < 40; ++i) {
-    const double turn = 2.0 * std::numbers::pi * i / 40;
-    ring.push_back(cone.vertex(0.04 * std::cos(turn), 0.04 * std::sin(turn), 0.0));
+    const double angle = 2.0 * std::numbers::pi * i / 40;
+    ring.push_back(cone.vertex(0.04 * std::cos(angle), 0.04 * std::sin(angle), 0.0));
   }
   const std::uint32_t tip = cone.vertex(0.0, 0.0, 0.06);
   const std::uint32_t foot = cone.vertex(0.0, 0.0, -0.03);
@@ -204,11 +205,11 @@ TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   test::ShapeBuilder ring_shape;
   ring_shape.torus(0.06, 0.02, 24, 48);
   const ShadowMesh ring = make_shadow_mesh(ring_shape.build());
-  const double standing = umbra(ring, 0.02, 0.0);
-  EXPECT_GT(standing, 0.005);
+  const double full_area = umbra(ring, 0.02, 0.0);
+  EXPECT_GT(full_area, 0.005);
   for (const double z : {0.019, 0.01, 0.0}) {
-    EXPECT_GT(umbra(ring, z, 0.0), 0.9 * standing) << z;
-    EXPECT_LT(umbra(ring, z, 0.0), 1.2 * standing) << z << ": the ring's hole must stay";
+    EXPECT_GT(umbra(ring, z, 0.0), 0.9 * full_area) << z;
+    EXPECT_LT(umbra(ring, z, 0.0), 1.2 * full_area) << z << ": the ring's hole must stay";
   }
   EXPECT_GT(umbra(cube, 0.02, 0.5), 0.009);
   ShadowMesh open = cube;  // the cube without the faces of one side
@@ -241,26 +242,26 @@ TEST(PowerDistance, TracesClosedOutlinesAroundTriangles) {
       const auto sides = field_outline(field, layer);
       const auto triangles = field_triangles(field, layer);
       ASSERT_EQ(sides.empty(), triangles.empty());
-      std::map<std::pair<float, float>, int> ends;
-      double inside = 0.0;
+      std::map<std::pair<float, float>, int> balance;
+      double outline_area = 0.0;
       const auto cross = [](const PlanePoint& a, const PlanePoint& b) {
         return 0.5 * (static_cast<double>(a.u) * static_cast<double>(b.v) -
                       static_cast<double>(b.u) * static_cast<double>(a.v));
       };
       for (const OutlineSide& side : sides) {
-        ++ends[{side.from.u, side.from.v}];
-        --ends[{side.to.u, side.to.v}];
-        inside += cross(side.from, side.to);
+        ++balance[{side.from.u, side.from.v}];
+        --balance[{side.to.u, side.to.v}];
+        outline_area += cross(side.from, side.to);
       }
-      for (const auto& [point, count] : ends) EXPECT_EQ(count, 0);
+      for (const auto& [point, count] : balance) EXPECT_EQ(count, 0);
       double area = 0.0;
       for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
         area += cross(triangles[i], triangles[i + 1]) + cross(triangles[i + 1], triangles[i + 2]) +
                 cross(triangles[i + 2], triangles[i]);
       }
-      EXPECT_NEAR(inside, area, 1e-9);
+      EXPECT_NEAR(outline_area, area, 1e-9);
       if (layer == ShadowLayer::penumbra) {
-        EXPECT_GT(inside, 1e-3);
+        EXPECT_GT(outline_area, 1e-3);
       }
     }
   }

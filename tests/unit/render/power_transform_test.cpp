@@ -41,11 +41,11 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
   for (int row = 0; row < height; ++row) {
     for (int column = 0; column < width; ++column) {
       const double expected = brute_force(sites, column, row);
-      const double got = static_cast<double>(transform.row(row)[column]);
+      const double actual = static_cast<double>(transform.row(row)[column]);
       if (expected < bound - 0.01) {
-        ASSERT_NEAR(got, expected, 1e-3) << column << " " << row;
+        ASSERT_NEAR(actual, expected, 1e-3) << column << " " << row;
       } else if (expected > bound + 0.01) {
-        ASSERT_EQ(got, static_cast<double>(PowerTransform::kFar)) << column << " " << row;
+        ASSERT_EQ(actual, static_cast<double>(PowerTransform::kFar)) << column << " " << row;
       }
     }
   }
@@ -53,7 +53,7 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
 
 TEST(PowerTransform, MatchesBruteForceMinimum) {
   std::mt19937 random(7);
-  PowerTransform transform;  // reused for all trials, because state of earlier ones must not matter
+  PowerTransform transform;  // reused, because earlier trials must not affect later ones
   for (const auto& [width, height, count, largest] : {std::tuple{40, 30, 25, 9.0F},
                                                       {17, 61, 5, 60.0F},
                                                       {1, 1, 1, 0.5F},

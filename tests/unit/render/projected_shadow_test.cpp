@@ -1,5 +1,5 @@
-// The hard shadow of a point or parallel light, compared with the paper's examples and an exact
-// oracle.
+// The hard shadow of a point or parallel light, compared with the examples of Blinn's paper
+// (README.md) and an exact oracle.
 #include "render/shadow/projected/projected_shadow.hpp"
 
 #include <gtest/gtest.h>
@@ -17,22 +17,22 @@ namespace {
 
 const Eigen::Vector4d kTable(0.0, 0.0, 1.0, 0.0);
 
-// The paper's formulas. A plane is the covector (n, -n.q); its product with a point or light is a
+// Blinn's formulas. A plane is the covector (n, -n.q); its product with a point or light is a
 // signed height.
 
-// M = (L.G) I - G L for row vectors; P' = P M.
+// Returns M = (L.G) I - G L for row vectors; P' = P M.
 Eigen::Matrix4d shadow_matrix(const Eigen::Vector4d& light, const Eigen::Vector4d& plane) {
   return light.dot(plane) * Eigen::Matrix4d::Identity() - plane * light.transpose();
 }
 
-// P M. w > 0 if the light projects the point onto the plane.
+// Returns P M, whose w is > 0 if the light projects the point onto the plane.
 Eigen::Vector4d project_from_light(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
                                    const Eigen::Vector3d& point) {
   return (point.homogeneous().transpose() * shadow_matrix(light, plane)).transpose();
 }
 
 enum class ShadowOfPoint {
-  shadow,             // on the plane or between it and the light
+  shadow,             // on the plane, or between plane and light
   at_or_above_light,  // antishadow, or no shadow
   below_plane,        // false shadow: the plane separates the point from the light
 };
@@ -47,7 +47,7 @@ ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4
   return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
 }
 
-// The paper's heuristic that replaces clipping (Sudarsky). A vertex at or above a local light is
+// Sudarsky's heuristic that replaces clipping. A vertex at or above a local light is
 // replaced by the point Q + c (P_j - Q) on its edge to a neighbour P_j below the light, where Q is
 // the intersection of that edge with the level plane through the light. P_j is the first such
 // neighbour in `indices`. A vertex without such a neighbour is dropped with its faces.
@@ -57,24 +57,27 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
                                                        const PlaneFrame& plane, double c) {
   const double top =
       light.w() != 0.0 ? light_height(plane, light) : std::numeric_limits<double>::infinity();
-  const auto good = [&](std::uint32_t i) { return static_cast<double>(vertices[i].h) < top; };
+  const auto below_light = [&](std::uint32_t i) {
+    return static_cast<double>(vertices[i].h) < top;
+  };
   std::vector<CasterVertex> replaced(vertices.begin(), vertices.end());
   std::vector<bool> usable(vertices.size());
-  for (std::uint32_t i = 0; i < vertices.size(); ++i) usable[i] = good(i);
+  for (std::uint32_t i = 0; i < vertices.size(); ++i) usable[i] = below_light(i);
   for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
     for (std::size_t from = 0; from < 3; ++from) {
       const std::uint32_t i = indices[face + from];
       for (const std::size_t step : {1U, 2U}) {
         const std::uint32_t j = indices[face + (from + step) % 3];
-        if (usable[i] || !good(j)) continue;
-        const CasterVertex& bad = vertices[i];
-        const CasterVertex& near = vertices[j];
+        if (usable[i] || !below_light(j)) continue;
+        const CasterVertex& vertex = vertices[i];
+        const CasterVertex& neighbour = vertices[j];
         // The replacement lies beyond Q by the fraction c of the distance from Q to the neighbour.
-        const double to_q = (static_cast<double>(bad.h) - top) /
-                            (static_cast<double>(bad.h) - static_cast<double>(near.h));
+        const double to_q = (static_cast<double>(vertex.h) - top) /
+                            (static_cast<double>(vertex.h) - static_cast<double>(neighbour.h));
         const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
-        replaced[i] = {bad.u + t * (near.u - bad.u), bad.v + t * (near.v - bad.v),
-                       bad.h + t * (near.h - bad.h), 0.0F, 0.0F};
+        replaced[i] = {vertex.u + t * (neighbour.u - vertex.u),
+                       vertex.v + t * (neighbour.v - vertex.v),
+                       vertex.h + t * (neighbour.h - vertex.h), 0.0F, 0.0F};
         usable[i] = true;
       }
     }
@@ -164,9 +167,9 @@ TEST(ProjectedShadow, MatchesPrintedMatrices) {
 // up to the factor sin 45 degrees.
 TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const Eigen::Vector3d light(2.25, -5.0, 5.0);
-  const auto move = [](const Eigen::Vector3d& by) {
+  const auto move = [](const Eigen::Vector3d& offset) {
     Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
-    m.block<1, 3>(3, 0) = by.transpose();
+    m.block<1, 3>(3, 0) = offset.transpose();
     return m;
   };
   const auto scale = [](double x, double y, double z) {
@@ -180,11 +183,11 @@ TEST(ProjectedShadow, MatchesPrintedCommandList) {
   Eigen::Matrix4d perspective;
   perspective << s, 0, 0, 0, 0, s, 0, 0, 0, 0, q, s, 0, 0, -q * near, 0;
   // The command printed last is applied to the point first.
-  const Eigen::Matrix4d made = move(-light) * half_turn * perspective *
-                               scale(light.z(), light.z(), 1.0) * half_turn * move(light) *
-                               scale(1.0, 1.0, 0.0);
-  const Eigen::Matrix4d wanted = shadow_matrix({light.x(), light.y(), light.z(), 1.0}, kTable);
-  EXPECT_LT((made / s - wanted).norm(), 1e-9 * wanted.norm());
+  const Eigen::Matrix4d product = move(-light) * half_turn * perspective *
+                                  scale(light.z(), light.z(), 1.0) * half_turn * move(light) *
+                                  scale(1.0, 1.0, 0.0);
+  const Eigen::Matrix4d expected = shadow_matrix({light.x(), light.y(), light.z(), 1.0}, kTable);
+  EXPECT_LT((product / s - expected).norm(), 1e-9 * expected.norm());
 }
 
 TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
@@ -280,15 +283,15 @@ TEST(ProjectedShadow, MatchesReferencePoints) {
   std::size_t count = 0;
   for (const char* list : {"examples", "points"}) {
     for (const auto& entry : json.at(list)) {
-      const auto four = [&entry](const char* key) {
+      const auto vector_of = [&entry](const char* key) {
         const auto v = entry.at(key).get<std::vector<double>>();
         return Eigen::Vector4d(v.at(0), v.at(1), v.at(2), v.at(3));
       };
-      const Eigen::Vector4d light = four("light");
-      const Eigen::Vector4d plane = four("plane");
+      const Eigen::Vector4d light = vector_of("light");
+      const Eigen::Vector4d plane = vector_of("plane");
       const Eigen::Vector3d point = test::vector_from(entry.at("point"));
       const Eigen::Vector4d s = project_from_light(light, plane, point);
-      EXPECT_LT((s - four("homogeneous")).norm(), 1e-8);
+      EXPECT_LT((s - vector_of("homogeneous")).norm(), 1e-8);
       EXPECT_NEAR(s.w(), entry.at("w").get<double>(), 1e-8);
       const auto rows = entry.at("matrix_row_vector").get<std::vector<double>>();
       const Eigen::Matrix4d matrix = shadow_matrix(light, plane);

@@ -59,13 +59,14 @@ SceneBuilder room() {
   return builder;
 }
 
-// Index of the plane that is visible at a pixel, or -1.
+// Returns the index of the plane that is visible at a pixel, or -1. Writes the visible point in
+// plane coordinates to `point`.
 int visible_plane(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x,
-                  int y, Eigen::Vector3d& place) {
+                  int y, Eigen::Vector3d& point) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
   if (!ray) return -1;
   const Eigen::Vector3d direction = pose.rotation() * *ray;
-  int shown = -1;
+  int visible = -1;
   double nearest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < scene.planes.size(); ++i) {
     const ScenePlane& plane = scene.planes[i];
@@ -82,18 +83,18 @@ int visible_plane(const Scene& scene, const CameraModel& camera, const CameraPos
       }
     }
     nearest = t;
-    shown = static_cast<int>(i);
-    place = p;
+    visible = static_cast<int>(i);
+    point = p;
   }
-  return shown;
+  return visible;
 }
 
 // The orthogonal shadow of the scene's casters on one of its planes.
 class SimpleShadow {
  public:
   SimpleShadow(const Scene& scene, std::size_t plane) {
-    const ScenePlane& at = scene.planes[plane];
-    const PlaneFrame frame = PlaneFrame::make(at.normal, at.point);
+    const ScenePlane& receiver = scene.planes[plane];
+    const PlaneFrame frame = PlaneFrame::make(receiver.normal, receiver.point);
     for (const int caster : scene.shadows[0].casters) {
       const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
       const ShadowMesh mesh = make_shadow_mesh(*object.model);
@@ -120,13 +121,14 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   const CameraModel camera = GetParam() ? distorted_camera() : undistorted_camera();
   Studio studio(room().build(), camera);
   const FramePlan plan = studio.plan(slanted());
-  EXPECT_EQ(plan.receivers.size(), 3U);
+  EXPECT_EQ(plan.receivers.shadow_pixels(), 3U);
   const RenderedImage image = studio.draw_shadows(white(), plan);
   // Each pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
-  std::vector<int> size(3);
+  std::vector<int> shadow_pixels(3);
   std::vector<SimpleShadow> shadows;
-  for (std::size_t i = 0; i < size.size(); ++i) shadows.emplace_back(studio.scene(), i);
+  for (std::size_t i = 0; i < shadow_pixels.shadow_pixels(); ++i)
+    shadows.emplace_back(studio.scene(), i);
   Scene table = studio.scene();
   table.planes.resize(1);
   int differing = 0;
@@ -136,7 +138,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
       Eigen::Vector3d p;
       const int plane = visible_plane(studio.scene(), camera, slanted().T_table_camera, x, y, p);
       const bool shadow = plane >= 0 && shadows[static_cast<std::size_t>(plane)].at(p);
-      if (shadow) ++size[static_cast<std::size_t>(plane)];
+      if (shadow) ++shadow_pixels[static_cast<std::size_t>(plane)];
       differing += image.red(x, y) != (shadow ? dark : 255) ? 1 : 0;
       ASSERT_TRUE(image.red(x, y) == dark || image.red(x, y) == 255) << x << " " << y;
       if (plane == 1) {
@@ -145,7 +147,8 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
       }
     }
   }
-  for (std::size_t i = 0; i < size.size(); ++i) EXPECT_GT(size[i], 500) << i;
+  for (std::size_t i = 0; i < shadow_pixels.shadow_pixels(); ++i)
+    EXPECT_GT(shadow_pixels[i], 500) << i;
   EXPECT_GT(hidden, 300) << "the wall must hide a part of the table's shadow";
   EXPECT_LE(differing, 90) << "pixels away from edges differ";
 }
@@ -198,7 +201,7 @@ TEST(DefaultWalls, StandAtFarEdgesOfCasterPaths) {
   EXPECT_NEAR(builder.scene().planes[2].point.x(), -0.2 - r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].y(), 0.15 + r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].x(), 0.15 + r, 1e-6);
-  // A node that lists a wall gets no default walls.
+  // A node with a vertical plane gets no default walls.
   builder.scene().shadows[0].planes = {0, 1};
   builder.scene().shadows[0].walls.clear();
   add_default_walls(builder.scene(), builder.scene().shadows[0]);

@@ -27,7 +27,8 @@ std::vector<CameraModel> lenses() {
   return all;
 }
 
-// Position in the distorted video that the pixel's ray projects to, computed without the grid.
+// Returns the position in the distorted video that the pixel's ray projects to, computed without
+// the grid.
 Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& undistorted, double x,
                       double y) {
   return *camera.project_extended(*undistorted.unproject({x, y}));
@@ -69,9 +70,11 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
 TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     for (const CameraModel& camera : lenses()) {
-      for (const bool across : {true, false}) {
+      for (const bool horizontal : {true, false}) {
         FrameBuffer buffer = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
-        const auto luma = [across](double x, double y) { return 20.0 + 0.3 * (across ? x : y); };
+        const auto luma = [horizontal](double x, double y) {
+          return 20.0 + 0.3 * (horizontal ? x : y);
+        };
         for (int y = 0; y < kHeight; ++y) {
           for (int x = 0; x < kWidth; ++x) {
             buffer.plane_data[0][y * buffer.frame.planes[0].stride + x] =
@@ -83,23 +86,25 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
         auto compositor = Compositor::create(*context, test::SceneBuilder().build(), camera,
                                              {.rectified = true, .msaa = 0})
                               .value();
-        RenderedImage image_px{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+        RenderedImage image{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
         ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
-        ASSERT_TRUE(compositor.read_back(image_px.rgba));
+        ASSERT_TRUE(compositor.read_back(image.rgba));
         const CameraModel undistorted = without_distortion(camera);
         int inside = 0;
         int outside = 0;
         for (int y = 0; y < kHeight; y += 3) {
           for (int x = 0; x < kWidth; x += 3) {
-            const Eigen::Vector2d at = exact(camera, undistorted, x, y);
-            if (at.x() > 0 && at.y() > 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1) {
+            const Eigen::Vector2d source = exact(camera, undistorted, x, y);
+            if (source.x() > 0 && source.y() > 0 && source.x() < kWidth - 1 &&
+                source.y() < kHeight - 1) {
               ++inside;
               // Rounding to grey levels occurs twice; the grid's error of 0.1 px corresponds to
               // 0.03 grey levels.
-              ASSERT_NEAR(image_px.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
-            } else if (at.x() < -1 || at.y() < -1 || at.x() > kWidth || at.y() > kHeight) {
+              ASSERT_NEAR(image.red(x, y), luma(source.x(), source.y()), 1.05) << x << " " << y;
+            } else if (source.x() < -1 || source.y() < -1 || source.x() > kWidth ||
+                       source.y() > kHeight) {
               ++outside;
-              ASSERT_EQ(image_px.red(x, y), 0) << x << " " << y;
+              ASSERT_EQ(image.red(x, y), 0) << x << " " << y;
             }
           }
         }
@@ -120,44 +125,48 @@ TEST(Rectification, AlignsOverlayWithVideo) {
     const auto scene = builder.build();
     const auto context = create_offscreen_context().value();
     context->make_current();
-    auto bent = Compositor::create(*context, scene, camera, {.msaa = 0}).value();
+    auto distorted = Compositor::create(*context, scene, camera, {.msaa = 0}).value();
     auto rectified =
         Compositor::create(*context, scene, camera, {.rectified = true, .msaa = 0}).value();
     const auto draw = [&](Compositor& compositor, const CameraModel& view, const Frame& frame,
                           bool with_object) {
       FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), test::tracked(pose), view);
       if (!with_object) plan.objects.clear();
-      RenderedImage image_px{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+      RenderedImage image{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
       EXPECT_TRUE(compositor.draw(frame, plan));
-      EXPECT_TRUE(compositor.read_back(image_px.rgba));
-      return image_px;
+      EXPECT_TRUE(compositor.read_back(image.rgba));
+      return image;
     };
     // The video is the object as drawn through the lens.
     const Frame grey = test::plain_frame(kWidth, kHeight, 30);
-    const RenderedImage seen = draw(bent, camera, grey, true);
+    const RenderedImage through_lens = draw(distorted, camera, grey, true);
     FrameBuffer video = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         video.plane_data[0][y * video.frame.planes[0].stride + x] =
-            std::equal(seen.at(x, y), seen.at(x, y) + 3, std::array{30, 30, 30}.data()) ? 0 : 200;
+            std::equal(through_lens.at(x, y), through_lens.at(x, y) + 3,
+                       std::array{30, 30, 30}.data())
+                ? 0
+                : 200;
       }
     }
     const CameraModel undistorted = without_distortion(camera);
     const RenderedImage resampled = draw(rectified, undistorted, video.frame, false);
     const RenderedImage drawn = draw(rectified, undistorted, grey, true);
     const RenderedImage empty = draw(rectified, undistorted, grey, false);
-    const auto middle = [](const RenderedImage& image_px, auto weight) {
+    const auto weighted_centroid = [](const RenderedImage& image, auto weight) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int y = 0; y < kHeight; ++y) {
-        for (int x = 0; x < kWidth; ++x) sum += weight(image_px, x, y) * Eigen::Vector3d(x, y, 1.0);
+        for (int x = 0; x < kWidth; ++x) sum += weight(image, x, y) * Eigen::Vector3d(x, y, 1.0);
       }
       return Eigen::Vector3d(sum.x() / sum.z(), sum.y() / sum.z(), sum.z());
     };
-    const Eigen::Vector3d of_video =
-        middle(resampled, [](const RenderedImage& p, int x, int y) { return p.red(x, y) / 200.0; });
-    const Eigen::Vector3d of_overlay = middle(drawn, [&](const RenderedImage& p, int x, int y) {
-      return std::equal(p.at(x, y), p.at(x, y) + 3, empty.at(x, y)) ? 0.0 : 1.0;
-    });
+    const Eigen::Vector3d of_video = weighted_centroid(
+        resampled, [](const RenderedImage& p, int x, int y) { return p.red(x, y) / 200.0; });
+    const Eigen::Vector3d of_overlay =
+        weighted_centroid(drawn, [&](const RenderedImage& p, int x, int y) {
+          return std::equal(p.at(x, y), p.at(x, y) + 3, empty.at(x, y)) ? 0.0 : 1.0;
+        });
     ASSERT_GT(of_overlay.z(), 2000.0);
     EXPECT_LE((of_video - of_overlay).head<2>().norm(), 0.15);
     EXPECT_NEAR(of_video.z() / of_overlay.z(), 1.0, 0.03);

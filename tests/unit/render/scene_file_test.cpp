@@ -22,7 +22,7 @@ using testing::HasSubstr;
 
 const std::string kBox = R"({"name":"box","shape":{"kind":"box","size":[0.1,0.1,0.1]}})";
 
-// Warnings and advice for a scene with one shadow node, one per line.
+// Returns the warnings and advice for a scene with one shadow node, one per line.
 std::string warnings_and_advice(const Scene& scene) {
   std::string all;
   for (const std::string& warning : scene.warnings) all += warning + "\n";
@@ -133,8 +133,9 @@ TEST_F(SceneFile, RejectsDuplicateKey) {
       << "different objects may have the same key";
 }
 
-// find_violation() implements the schema's keywords itself, so the schema must not use others.
-void expect_known_keywords(const nlohmann::json& schema, const std::string& place) {
+// find_violation() implements the schema's keywords itself, so the schema must not use other
+// keywords.
+void expect_known_keywords(const nlohmann::json& schema, const std::string& pointer) {
   static const std::set<std::string_view> kTypes = {"object", "array", "string", "boolean",
                                                     "number"};
   static const std::set<std::string_view> kDescribing = {"$schema", "title", "description",
@@ -149,32 +150,32 @@ void expect_known_keywords(const nlohmann::json& schema, const std::string& plac
                                                       "properties", "required",
                                                       "type"};
   for (const auto& [key, value] : schema.items()) {
-    EXPECT_TRUE(kDescribing.contains(key) || kChecked.contains(key)) << place << ": " << key;
+    EXPECT_TRUE(kDescribing.contains(key) || kChecked.contains(key)) << pointer << ": " << key;
     if (key == "properties" || key == "definitions") {
       for (const auto& [name, part] : value.items()) {
-        const std::string place_of_part = place + "/" + key + "/" + name;
-        expect_known_keywords(part, place_of_part);
+        const std::string part_pointer = pointer + "/" + key + "/" + name;
+        expect_known_keywords(part, part_pointer);
         EXPECT_TRUE(key == "definitions" || part.contains("description"))
-            << place_of_part << ": editors show it";
+            << part_pointer << ": editors show it";
       }
     } else if (key == "items") {
-      ASSERT_TRUE(value.is_object()) << place;
-      expect_known_keywords(value, place + "/items");
+      ASSERT_TRUE(value.is_object()) << pointer;
+      expect_known_keywords(value, pointer + "/items");
     } else if (key == "type") {
       for (const auto& type : value.is_array() ? value : nlohmann::json::array({value})) {
-        EXPECT_TRUE(kTypes.contains(type.get<std::string>())) << place << ": " << type;
+        EXPECT_TRUE(kTypes.contains(type.get<std::string>())) << pointer << ": " << type;
       }
     } else if (key == "additionalProperties") {
-      EXPECT_EQ(value, false) << place;
+      EXPECT_EQ(value, false) << pointer;
     } else if (key == "$ref") {
       // Keywords beside a $ref would be ignored, so only a description is allowed.
-      EXPECT_EQ(schema.size(), schema.contains("description") ? 2U : 1U) << place;
+      EXPECT_EQ(schema.size(), schema.contains("description") ? 2U : 1U) << pointer;
     }
   }
   if (!schema.contains("$ref")) {
-    EXPECT_TRUE(schema.contains("expected")) << place << ": the message's remedy";
+    EXPECT_TRUE(schema.contains("expected")) << pointer << ": the message's remedy";
     EXPECT_EQ(schema.value("type", nlohmann::json()) == "object", schema.contains("properties"))
-        << place;
+        << pointer;
   }
 }
 
@@ -248,23 +249,23 @@ TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
   ASSERT_TRUE(plain) << plain.error().message;
   EXPECT_TRUE(plain->objects[0].groups.empty());
   EXPECT_EQ(plain->objects[0].proxy_model, nullptr);
-  const Result<Scene> one = load(object(R"(,"group":"all","proxy":"none")"));
-  ASSERT_TRUE(one) << one.error().message;
-  EXPECT_EQ(one->objects[0].groups, std::vector<std::string>{"all"});
-  EXPECT_EQ(one->objects[0].proxy_model, nullptr);
-  const Result<Scene> two = load(object(R"(,"group":["*","all"])"));
-  ASSERT_TRUE(two) << two.error().message;
-  EXPECT_EQ(two->objects[0].groups.size(), 2U);
+  const Result<Scene> one_group = load(object(R"(,"group":"all","proxy":"none")"));
+  ASSERT_TRUE(one_group) << one_group.error().message;
+  EXPECT_EQ(one_group->objects[0].groups, std::vector<std::string>{"all"});
+  EXPECT_EQ(one_group->objects[0].proxy_model, nullptr);
+  const Result<Scene> two_groups = load(object(R"(,"group":["*","all"])"));
+  ASSERT_TRUE(two_groups) << two_groups.error().message;
+  EXPECT_EQ(two_groups->objects[0].groups.size(), 2U);
   EXPECT_THAT(error_of(object(R"(,"group":["all","no such"])")),
               HasSubstr("/objects/0/group: group \"no such\": the model \"helicopter\" has no such "
                         "node, mesh or object; there are: all, "));
   EXPECT_THAT(error_of(object(R"(,"group":7)")), HasSubstr("/objects/0/group: is 7; give which"));
   EXPECT_THAT(error_of(object(R"(,"proxy":"nowhere.glb")")), HasSubstr("/objects/0/proxy: "));
-  const Result<Scene> own = load(
+  const Result<Scene> with_proxy = load(
       object(",\"proxy\":\"" + (test::source_dir() / "scenes/models/cube.glb").string() + "\""));
-  ASSERT_TRUE(own) << own.error().message;
-  ASSERT_NE(own->objects[0].proxy_model, nullptr);
-  EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
+  ASSERT_TRUE(with_proxy) << with_proxy.error().message;
+  ASSERT_NE(with_proxy->objects[0].proxy_model, nullptr);
+  EXPECT_EQ(with_proxy->objects[0].proxy_model->name, "cube");
 }
 
 // A model's warning appears once, for any number of objects that use the model.
@@ -302,15 +303,15 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
     EXPECT_TRUE(scene) << scene.error().message;
     return warnings_and_advice(*scene);
   };
-  const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
+  const std::string workspace = R"({"workspace_height":0.3,"magnification":1.5})";
   // The limit W / (2 r) = 1.5 is reached at W = 0.2121 m.
-  EXPECT_EQ(warnings(m15, 0.213), "");
-  EXPECT_THAT(warnings(m15, 0.211),
+  EXPECT_EQ(warnings(workspace, 0.213), "");
+  EXPECT_THAT(warnings(workspace, 0.211),
               HasSubstr("/shadows/0: where its umbra vanishes the penumbra of \"box\" is 0.42 m "
                         "wide, and the plane \"sheet\" 0.42 m; give a magnification of 1.49"));
   EXPECT_EQ(warnings(R"({"light_height":0.9,"light_ratio":3})", 0.213), "");
   EXPECT_THAT(warnings(R"({"light_height":0.9,"light_ratio":3})", 0.211), HasSubstr("or less"));
-  EXPECT_THAT(warnings(m15, 0.1), HasSubstr("lower the height"));
+  EXPECT_THAT(warnings(workspace, 0.1), HasSubstr("lower the height"));
   EXPECT_EQ(warnings(R"({"light_height":"inf","umbra_height":0.3})", 0.15), "");
   EXPECT_THAT(warnings(R"({"light_height":0.3,"light_ratio":1})", 5.0),
               HasSubstr("the umbra never vanishes"));
@@ -485,10 +486,10 @@ TEST_F(SceneFile, MovesAndSpinsChildrenWithParents) {
            R"(,{"name":"child","parent":"box","shape":{"kind":"sphere","radius":0.1},)"
            R"("position":[1,0,0],"animation":{"spin":{"axis":[0,0,2],"turns_per_s":0.25}}}]})");
   ASSERT_TRUE(scene) << scene.error().message;
-  Scene turned = *scene;
-  turned.objects[0].placement.position = {0, 0, 1};
-  turned.objects[0].placement.scale = 2.0;
-  const Placement child = evaluate_scene(turned, 1.0).objects[1];
+  Scene raised = *scene;
+  raised.objects[0].placement.position = {0, 0, 1};
+  raised.objects[0].placement.scale = 2.0;
+  const Placement child = evaluate_scene(raised, 1.0).objects[1];
   EXPECT_LT((child.position - Eigen::Vector3d(2, 0, 1)).norm(), 1e-12);
   EXPECT_LT((child * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(2, 2, 1)).norm(), 1e-12);
 }
@@ -497,28 +498,31 @@ TEST_F(SceneFile, MovesLightsAndFollowsSunCalendar) {
   const auto sun = [](const std::string& keys) {
     return R"({"objects":[],"lights":[{"name":"l","kind":"sun")" + keys + "}]}";
   };
-  const std::string place = R"("latitude_deg":48,"longitude_deg":11)";
-  const Result<Scene> scene = load(
-      sun(R"(,"sun":{)" + place + R"(,"date":"2026-06-21","time_utc":"10:30","hours_per_s":2})"));
+  const std::string location = R"("latitude_deg":48,"longitude_deg":11)";
+  const Result<Scene> scene = load(sun(
+      R"(,"sun":{)" + location + R"(,"date":"2026-06-21","time_utc":"10:30","hours_per_s":2})"));
   ASSERT_TRUE(scene) << scene.error().message;
   ASSERT_TRUE(scene->lights[0].sun);
   EXPECT_EQ(scene->lights[0].sun->start_utc_s, 1782000000.0 + 10.5 * 3600.0);
   EXPECT_EQ(scene->lights[0].kind, SceneLight::Kind::directional);
   EXPECT_THAT(error_of(sun("")), HasSubstr("/lights/0: has no \"sun\"; a sun light needs it"));
-  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"2026-02-30","time_utc":"10:30"})")),
-              HasSubstr("/lights/0/sun/date: is \"2026-02-30\", not a day of the calendar"));
-  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"2026-02-03","time_utc":"24:30"})")),
-              HasSubstr("/lights/0/sun/time_utc"));
-  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"yesterday","time_utc":"24:30"})")),
-              HasSubstr("/lights/0/sun/date"));
-  EXPECT_THAT(error_of(sun(R"(,"direction":[0,0,1],"sun":{)" + place +
+  EXPECT_THAT(
+      error_of(sun(R"(,"sun":{)" + location + R"(,"date":"2026-02-30","time_utc":"10:30"})")),
+      HasSubstr("/lights/0/sun/date: is \"2026-02-30\", not a day of the calendar"));
+  EXPECT_THAT(
+      error_of(sun(R"(,"sun":{)" + location + R"(,"date":"2026-02-03","time_utc":"24:30"})")),
+      HasSubstr("/lights/0/sun/time_utc"));
+  EXPECT_THAT(
+      error_of(sun(R"(,"sun":{)" + location + R"(,"date":"yesterday","time_utc":"24:30"})")),
+      HasSubstr("/lights/0/sun/date"));
+  EXPECT_THAT(error_of(sun(R"(,"direction":[0,0,1],"sun":{)" + location +
                            R"(,"date":"2026-02-03","time_utc":"04:30"})")),
               HasSubstr("/lights/0/direction: a sun light has none"));
   const Result<Scene> moving =
       load(R"({"objects":[],"lights":[{"name":"l","kind":"point","position":[0,0,1],"animation":)"
            R"({"loop":false,"keyframes":[{"time_s":0},{"time_s":1,"position":[0.5,0,0]}]}}]})");
   ASSERT_TRUE(moving) << moving.error().message;
-  EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].place, Eigen::Vector4d(0.5, 0, 1, 1));
+  EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].location, Eigen::Vector4d(0.5, 0, 1, 1));
 }
 
 TEST_F(SceneFile, UsesNamedWallsOrCreatesDefaults) {
@@ -529,10 +533,10 @@ TEST_F(SceneFile, UsesNamedWallsOrCreatesDefaults) {
   ASSERT_TRUE(named) << named.error().message;
   EXPECT_EQ(named->shadows[0].walls, std::vector<int>{1});
   EXPECT_EQ(named->planes.size(), 2U);
-  const Result<Scene> made = load("{\"objects\":[" + kBox + "]," + wall + node + "}]}");
-  ASSERT_TRUE(made) << made.error().message;
-  EXPECT_EQ(made->planes.size(), 4U);
-  EXPECT_EQ(made->shadows[0].walls, (std::vector<int>{2, 3}));
+  const Result<Scene> defaults = load("{\"objects\":[" + kBox + "]," + wall + node + "}]}");
+  ASSERT_TRUE(defaults) << defaults.error().message;
+  EXPECT_EQ(defaults->planes.size(), 4U);
+  EXPECT_EQ(defaults->shadows[0].walls, (std::vector<int>{2, 3}));
   EXPECT_THAT(error_of("{\"objects\":[" + kBox + "]," + wall + node + R"(,"walls":["w"]}]})"),
               HasSubstr("/shadows/0/walls"));
 }

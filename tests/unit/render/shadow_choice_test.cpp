@@ -36,13 +36,13 @@ Frame grey() {
 }
 
 // A block of 12 faces in view, and optionally a second block whose shadow is not visible.
-enum class Other { none, cut, whole, off_outline };
-SceneBuilder block_and(Other other) {
+enum class SecondBlock { none, through_table, above_table, off_outline };
+SceneBuilder block_and(SecondBlock second) {
   SceneBuilder builder;
   builder.add(block(0.05), test::at(0, 0, 0.07));
-  if (other == Other::cut) builder.add(block(0.05), test::at(8, 0, 0));
-  if (other == Other::whole) builder.add(block(0.05), test::at(8, 0, 0.06));
-  if (other == Other::off_outline) {
+  if (second == SecondBlock::through_table) builder.add(block(0.05), test::at(8, 0, 0));
+  if (second == SecondBlock::above_table) builder.add(block(0.05), test::at(8, 0, 0.06));
+  if (second == SecondBlock::off_outline) {
     // The second block is in view, nearer to the camera; its shadow lies outside the plane's
     // outline.
     builder.scene().planes[0].outline = {{-0.2, -0.08}, {0.2, -0.08}, {0.2, 0.2}, {-0.2, 0.2}};
@@ -53,18 +53,19 @@ SceneBuilder block_and(Other other) {
 
 TEST(LayerDrawingChoice, IgnoresCulledShadows) {
   const CameraModel camera = test::distorted_camera(kSide, 220.0);
-  for (const Other other : {Other::none, Other::cut, Other::whole, Other::off_outline}) {
-    SCOPED_TRACE(static_cast<int>(other));
-    Studio skipping(block_and(other).build(), camera);
-    Studio whole(block_and(other).build(), camera);
+  for (const SecondBlock second : {SecondBlock::none, SecondBlock::through_table,
+                                   SecondBlock::above_table, SecondBlock::off_outline}) {
+    SCOPED_TRACE(static_cast<int>(second));
+    Studio skipping(block_and(second).build(), camera);
+    Studio unskipped(block_and(second).build(), camera);
     PlanOptions all;
     all.skip = false;
     for (const double distance : {0.6, 0.53, 0.47, 0.4}) {
       const FramePlan plan = skipping.plan(from_the_side(distance));
       EXPECT_EQ(plan.shadows.size(), 1U);
-      EXPECT_EQ(plan.skipped_shadows.size(), other == Other::none ? 0U : 1U);
-      const RenderedImage seen = skipping.draw(grey(), plan);
-      EXPECT_EQ(seen, whole.draw(grey(), whole.plan(from_the_side(distance), all)));
+      EXPECT_EQ(plan.skipped_shadows.size(), second == SecondBlock::none ? 0U : 1U);
+      const RenderedImage image = skipping.draw(grey(), plan);
+      EXPECT_EQ(image, unskipped.draw(grey(), unskipped.plan(from_the_side(distance), all)));
       const auto masks = skipping.stats()[Counter::layer_masks_drawn] +
                          skipping.stats()[Counter::layer_masks_kept];
       EXPECT_EQ(masks, 1);
@@ -86,20 +87,20 @@ std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, d
   }
   const RenderedImage above = drawn_at(high).first;
   const RenderedImage below = drawn_at(low).first;
-  std::int64_t made = 0;
+  std::int64_t redrawn = 0;
   for (int i = 0; i < 10; ++i) {
-    const auto [up, up_made] = drawn_at(high);
-    const auto [down, down_made] = drawn_at(low);
+    const auto [up, up_redrawn] = drawn_at(high);
+    const auto [down, down_redrawn] = drawn_at(low);
     EXPECT_EQ(up, above) << "the frame must not depend on earlier frames";
     EXPECT_EQ(down, below);
-    made += up_made + down_made;
+    redrawn += up_redrawn + down_redrawn;
   }
-  EXPECT_EQ(made, 0);
+  EXPECT_EQ(redrawn, 0);
   return {low, below};
 }
 
 TEST(ShadowMasks, AreReusedOnPlanesDuringCameraJitter) {
-  Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
+  Studio studio(block_and(SecondBlock::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
     const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
     EXPECT_EQ(
@@ -107,7 +108,7 @@ TEST(ShadowMasks, AreReusedOnPlanesDuringCameraJitter) {
     return std::pair(image, studio.stats()[Counter::layer_masks_drawn]);
   };
   const auto [low, below] = tremble(drawn_at, 0.8, 0.4);
-  Studio other(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
+  Studio other(block_and(SecondBlock::none).build(), test::camera_of(kSide, kSide, 220.0));
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
 
@@ -196,8 +197,8 @@ TEST(ShadowBrightness, FollowsCameraResponse) {
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         if (c.phantom && is_edge(x, y)) continue;
-        const double left = std::pow(images[0].red(x, y) / double{kGrey}, kDefaultToneExponent);
-        ASSERT_NEAR(images[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
+        const double light_left = std::pow(images[0].red(x, y) / double{kGrey}, kUsualToneExponent);
+        ASSERT_NEAR(images[1].red(x, y), light_left * kGrey, 2.6) << x << ", " << y;
         dark += images[1].red(x, y) < kGrey - 20 ? 1 : 0;
       }
     }
@@ -220,11 +221,11 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
   above.place = {0.1, 0.0, 2.0, 1.0};
   PlacedLight sideways;
   sideways.place = {1.0, 0.0, 0.0, 0.0};
-  for (const double little : {0.0, 0.2, Scene::kUsualAmbient}) {
-    EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
-    EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
+  for (const double weak : {0.0, 0.2, Scene::kUsualAmbient}) {
+    EXPECT_EQ(lifted(weak, {above}).umbra, given.umbra);
+    EXPECT_EQ(lifted(weak, {above}).penumbra, given.penumbra);
   }
-  // The usual ambient light of 0.36 gives a total of 1.36; here the total is 1.66. The shadow
+  // An ambient light of 0.36 gives a total of 1.36; here the total is 1.66. The shadow
   // removes the same amount of light in both cases.
   EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
@@ -233,8 +234,8 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
       << "light at grazing incidence adds nothing";
   EXPECT_NEAR(lifted(0.66, {}).umbra, lifted(0.66, {default_light()}).umbra, 1e-9);
   double before = given.umbra;
-  for (const double more : {0.37, 0.5, 1.0, 10.0, 1e6}) {
-    const LightFractions now = lifted(more, {above});
+  for (const double strong : {0.37, 0.5, 1.0, 10.0, 1e6}) {
+    const LightFractions now = lifted(strong, {above});
     EXPECT_GT(now.umbra, before);
     EXPECT_LE(now.umbra, now.middle);
     EXPECT_LE(now.middle, now.penumbra);
@@ -247,7 +248,7 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
 TEST(AmbientLightFractions, MatchDrawnShadow) {
   int before = 0;
   for (const double ambient : {0.36, 0.7, 2.0}) {
-    SceneBuilder builder = block_and(Other::none);
+    SceneBuilder builder = block_and(SecondBlock::none);
     builder.scene().ambient.setConstant(ambient);
     Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
     const FramePlan plan = studio.plan(from_height(0.5));

@@ -23,7 +23,7 @@ std::shared_ptr<const Model> box() {
   return test::finished(shape.build(), glm::vec4(1.0F));
 }
 
-// Three casters, two planes, two lights; the first light and the first object move.
+// Three casters, two planes and two lights; tests animate the first light and the first object.
 test::SceneBuilder moving_scene() {
   test::SceneBuilder builder;
   for (int i = 0; i < 3; ++i) builder.add(box(), test::at(0.1 * i - 0.1, 0.0, 0.1));
@@ -95,8 +95,8 @@ TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {
       const auto events = shadow_events(*before, state);
       expected = test::affected_triples(studio.scene(), node, events).size();
       EXPECT_EQ(events.size(), time <= 1.0 ? 2U : time <= 2.0 && before->time_s < 2.0 ? 1U : 0U);
-      // Light 0 belongs to 6 triples. Object 0 belongs to 4, 2 of which also belong to light 0 and
-      // count once.
+      // Light 0 belongs to 6 triples (caster, plane, light). Object 0 belongs to 4, 2 of which also
+      // belong to light 0 and count once.
       EXPECT_EQ(expected, time <= 1.0 ? 8U : time <= 2.0 && before->time_s < 2.0 ? 4U : 0U);
     }
     EXPECT_EQ(studio.stats()[Counter::triples_recomputed], static_cast<std::int64_t>(expected))

@@ -108,16 +108,16 @@ TEST(ShadowKernels, FollowMeshUnderTranslationAndYaw) {
   const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, up).toRotationMatrix();
   const Eigen::Vector3d t(0.31, -0.17, 0.4);
   const ShadowMesh mesh = make_shadow_mesh(model);
-  const ShadowMesh turned = make_shadow_mesh(moved(model, R, t));
+  const ShadowMesh rotated = make_shadow_mesh(moved(model, R, t));
   for (const KernelSource source :
        {KernelSource::automatic, KernelSource::smooth, KernelSource::centroid}) {
     const ShadowKernels before = generate_kernels(mesh, up, source);
-    const ShadowKernels after = generate_kernels(turned, up, source);
+    const ShadowKernels after = generate_kernels(rotated, up, source);
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
       const Eigen::Vector3d expected = R * to_eigen(before.kernels[i]) + t;
-      Eigen::Vector3d off = to_eigen(after.kernels[i]) - expected;
-      off -= off.dot(up) * up;
-      EXPECT_LT(off.norm(), 1e-4) << to_string(source);
+      Eigen::Vector3d difference = to_eigen(after.kernels[i]) - expected;
+      difference -= difference.dot(up) * up;
+      EXPECT_LT(difference.norm(), 1e-4) << to_string(source);
     }
   }
 }
@@ -155,37 +155,38 @@ TEST(ShadowKernels, IgnoreSplitVerticesAndFlippedFaces) {
     }
   }
   soup.source_vertex_count = model.source_vertex_count;
-  const ShadowMesh whole = make_shadow_mesh(model);
+  const ShadowMesh original = make_shadow_mesh(model);
   const ShadowMesh welded = make_shadow_mesh(soup);
-  const auto expected = generate_kernels(whole, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+  const auto expected =
+      generate_kernels(original, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   const auto actual = generate_kernels(welded, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   for (std::size_t v = 0; v < model.source_vertex_count; ++v) {
-    const Eigen::Vector3d off = to_eigen(expected.kernels[whole.from_source[v]]) -
-                                to_eigen(actual.kernels[welded.from_source[v]]);
-    EXPECT_LT(off.norm(), 5e-4) << v;
+    const Eigen::Vector3d difference = to_eigen(expected.kernels[original.from_source[v]]) -
+                                       to_eigen(actual.kernels[welded.from_source[v]]);
+    EXPECT_LT(difference.norm(), 5e-4) << v;
   }
 }
 
 TEST(ShadowKernels, FillMissingFaces) {
   Model model = test::torus_model(40, 120);
   const ShadowMesh whole = make_shadow_mesh(model);
-  std::vector<std::uint32_t> kept;
+  std::vector<std::uint32_t> remaining;
   std::mt19937 random(5);
   const auto& indices = model.meshes[0].indices;
   for (std::size_t i = 0; i < indices.size(); i += 3) {
     if (random() % 10 == 0) continue;
-    kept.insert(kept.end(), {indices[i], indices[i + 1], indices[i + 2]});
+    remaining.insert(remaining.end(), {indices[i], indices[i + 1], indices[i + 2]});
   }
   ShadowMesh torn = whole;
-  torn.indices = kept;
+  torn.indices = remaining;
   const auto expected = generate_kernels(whole, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   const auto actual = generate_kernels(torn, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
-  std::size_t off = 0;
+  std::size_t deviating = 0;
   for (std::size_t i = 0; i < whole.positions.size(); ++i) {
     const Eigen::Vector3d d = to_eigen(expected.kernels[i]) - to_eigen(actual.kernels[i]);
-    if (d.head<2>().norm() > 0.003) ++off;
+    if (d.head<2>().norm() > 0.003) ++deviating;
   }
-  EXPECT_LT(off, whole.positions.size() / 50);
+  EXPECT_LT(deviating, whole.positions.size() / 50);
 }
 
 // Checks |x - k| <= 1.5 r plus one cell, where r is the radius of the largest disc about k inside
@@ -208,10 +209,10 @@ TEST(ShadowKernels, StayWithinDistanceBoundOfTheirDisc) {
       // disc's radius.
       const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
       double farthest = 0.0;
-      for (const test::KernelDistance& at : distances)
-        farthest = std::max(farthest, test::max_allowed_distance(at));
-      for (const test::KernelDistance& at : test::kernel_distances(mesh, smooth))
-        EXPECT_LE(at.distance, farthest);
+      for (const test::KernelDistance& kernel : distances)
+        farthest = std::max(farthest, test::max_allowed_distance(kernel));
+      for (const test::KernelDistance& kernel : test::kernel_distances(mesh, smooth))
+        EXPECT_LE(kernel.distance, farthest);
     }
   }
 }
@@ -222,10 +223,10 @@ TEST(ShadowKernels, ExceedDistanceBoundForCentroidOfBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
-  for (const test::KernelDistance& at : test::kernel_distances(
+  for (const test::KernelDistance& kernel : test::kernel_distances(
            mesh, generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid))) {
-    EXPECT_NEAR(at.inside, 0.01, 0.001);
-    EXPECT_GT(at.distance, 2.0 * test::max_allowed_distance(at));
+    EXPECT_NEAR(kernel.inside, 0.01, 0.001);
+    EXPECT_GT(kernel.distance, 2.0 * test::max_allowed_distance(kernel));
   }
 }
 
@@ -281,10 +282,10 @@ TEST(ShadowKernels, AreSeparateForEachPart) {
   shape.box(-0.2, -0.02, 0, -0.16, 0.02, 0.04);
   shape.box(0.16, -0.02, 0, 0.2, 0.02, 0.04);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
-  const auto own = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+  const auto by_part = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   const auto shared = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid);
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-    EXPECT_NEAR(own.kernels[i].x, mesh.positions[i].x < 0 ? -0.18F : 0.18F, 0.001F);
+    EXPECT_NEAR(by_part.kernels[i].x, mesh.positions[i].x < 0 ? -0.18F : 0.18F, 0.001F);
     EXPECT_NEAR(shared.kernels[i].x, 0.0F, 0.005F);
   }
 }
@@ -317,7 +318,8 @@ TEST(ShadowKernels, AreExactOnAxesAndInterpolatedBetweenThem) {
   }
 }
 
-// Compares random rasters with holes and bays with an exhaustive search over all uncovered cells.
+// Compares the depths of random rasters, which have holes and bays, with an exhaustive search over
+// all uncovered cells.
 TEST(Footprint, MeasuresDistanceToNearestOutsideCell) {
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0.0F, 1.0F);

@@ -39,23 +39,23 @@ TEST(ShadowMesh, WeldsTriangleSoup) {
 }
 
 TEST(ShadowMesh, WeldsWithinTenMicrometresAcrossCells) {
-  for (float at = 0.0F; at < 300e-6F; at += 3e-6F) {
+  for (float offset = 0.0F; offset < 300e-6F; offset += 3e-6F) {
     Model model;
     Mesh& mesh = model.meshes.emplace_back();
-    mesh.positions = {{at, -at, at},
-                      {at + 9e-6F, -at, at},
-                      {at, -at + 12e-6F, at},
+    mesh.positions = {{offset, -offset, offset},
+                      {offset + 9e-6F, -offset, offset},
+                      {offset, -offset + 12e-6F, offset},
                       {0.2F, 0.0F, 0.0F}};  // about the size of an object on a table
     mesh.indices = {0, 1, 2};
     const ShadowMesh welded = make_shadow_mesh(model);
-    EXPECT_EQ(welded.positions.size(), 3U) << at;
+    EXPECT_EQ(welded.positions.size(), 3U) << offset;
     EXPECT_TRUE(welded.indices.empty()) << "the face has collapsed";
     EXPECT_EQ(welded.part_count, 2U) << "the collapsed face still connects its ends";
     EXPECT_EQ(welded.lost_faces, 1U);
   }
 }
 
-// The unit of the file must not change the parts, nor the kernels except for scale.
+// The file's unit must change neither the parts nor, apart from the scale, the kernels.
 TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   test::ShapeBuilder shape;
   shape.box(0.01, 0.02, 0.0, 0.08, 0.05, 0.03);
@@ -74,22 +74,22 @@ TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
       // Each corner of a face is rounded separately, as in files with a triangle soup.
       for (int i = 0; i < 3; ++i) p[i] = std::nextafter(p[i], random() % 2 == 0 ? 1e9F : -1e9F);
     }
-    const ShadowMesh other = make_shadow_mesh(scaled);
-    EXPECT_EQ(other.indices, mesh.indices) << scale;
-    EXPECT_EQ(other.part, mesh.part) << scale;
-    EXPECT_EQ(other.lost_faces, 0U) << scale;
+    const ShadowMesh scaled_mesh = make_shadow_mesh(scaled);
+    EXPECT_EQ(scaled_mesh.indices, mesh.indices) << scale;
+    EXPECT_EQ(scaled_mesh.part, mesh.part) << scale;
+    EXPECT_EQ(scaled_mesh.lost_faces, 0U) << scale;
     EXPECT_EQ(warning_of_lost_faces(scaled, "tiny.obj"), std::nullopt) << scale;
-    ASSERT_EQ(other.positions.size(), mesh.positions.size()) << scale;
-    const ShadowKernels alike = generate_kernels(other, up, KernelSource::automatic);
+    ASSERT_EQ(scaled_mesh.positions.size(), mesh.positions.size()) << scale;
+    const ShadowKernels scaled_kernels = generate_kernels(scaled_mesh, up, KernelSource::automatic);
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-      const glm::vec3 off = alike.kernels[i] / scale - kernels.kernels[i];
-      EXPECT_LT(std::hypot(off.x, off.y, off.z), 2e-6F) << scale << " " << i;
-      EXPECT_NEAR(alike.radius[i] / scale, kernels.radius[i], 1e-6F) << scale << " " << i;
+      const glm::vec3 difference = scaled_kernels.kernels[i] / scale - kernels.kernels[i];
+      EXPECT_LT(std::hypot(difference.x, difference.y, difference.z), 2e-6F) << scale << " " << i;
+      EXPECT_NEAR(scaled_kernels.radius[i] / scale, kernels.radius[i], 1e-6F) << scale << " " << i;
     }
   }
 }
 
-// The weld distance must follow the precision of most vertices, not that of a distant one.
+// The weld distance must follow the precision of most vertices, not of a distant vertex.
 TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1e6F, 0.0F, 0.0F);

@@ -38,12 +38,12 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
 // Computes the images of each face at 4096 factors in integer arithmetic. A face is twisted if the
 // signed area of at least one image has the opposite sign.
 TEST(TwistReport, MatchesExactIntegerAreas) {
-  constexpr std::int64_t kSteps = 4096;         // steps per unit of the factor
-  constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
-  constexpr std::int64_t kGreatest = kSteps * 27 / 16;
+  constexpr std::int64_t kSteps = 4096;           // steps per unit of the factor
+  constexpr std::int64_t kMinStep = kSteps / 16;  // 0.0625
+  constexpr std::int64_t kMaxStep = kSteps * 27 / 16;
   std::mt19937 random(3);
-  std::uniform_int_distribution<std::int64_t> place(-200, 200);
-  std::uniform_int_distribution<std::int64_t> wander(-60, 60);
+  std::uniform_int_distribution<std::int64_t> coordinate(-200, 200);
+  std::uniform_int_distribution<std::int64_t> offset(-60, 60);
   std::size_t all_twisted = 0;
   std::size_t all_ambiguous = 0;
   std::size_t only_between = 0;  // twisted, but at neither end of the range of factors
@@ -52,20 +52,20 @@ TEST(TwistReport, MatchesExactIntegerAreas) {
     std::vector<WholePoint> k(40);
     std::vector<CasterVertex> vertices;
     for (std::size_t i = 0; i < x.size(); ++i) {
-      x[i] = {place(random), place(random)};
+      x[i] = {coordinate(random), coordinate(random)};
       // Kernels: a quarter at random positions, a quarter shared with the previous vertex, half
       // near the vertex.
-      k[i] = i % 4 == 0   ? WholePoint{place(random) / 4, place(random) / 4}
+      k[i] = i % 4 == 0   ? WholePoint{coordinate(random) / 4, coordinate(random) / 4}
              : i % 4 == 1 ? k[i - 1]
-                          : WholePoint{x[i].x + wander(random), x[i].y + wander(random)};
+                          : WholePoint{x[i].x + offset(random), x[i].y + offset(random)};
       constexpr float kUnit = 1.0F / 1024.0F;  // multiples of it are exact in float
       vertices.push_back({static_cast<float>(x[i].x) * kUnit, static_cast<float>(x[i].y) * kUnit,
                           0.1F, static_cast<float>(k[i].x) * kUnit,
                           static_cast<float>(k[i].y) * kUnit});
     }
     std::vector<std::uint32_t> indices;
-    std::uniform_int_distribution<std::uint32_t> any(0, 39);
-    for (int i = 0; i < 3 * 60; ++i) indices.push_back(any(random));
+    std::uniform_int_distribution<std::uint32_t> any_vertex(0, 39);
+    for (int i = 0; i < 3 * 60; ++i) indices.push_back(any_vertex(random));
     std::size_t tested = 0;
     std::size_t twisted = 0;
     std::size_t ambiguous = 0;
@@ -82,22 +82,22 @@ TEST(TwistReport, MatchesExactIntegerAreas) {
         }
         return twice_area(p);
       };
-      const std::int64_t whole = image(kSteps);
-      if (whole == 0) continue;
+      const std::int64_t full_area = image(kSteps);
+      if (full_area == 0) continue;
       ++tested;
-      const auto against = [&](std::int64_t step) {
-        return static_cast<double>(image(step)) / static_cast<double>(whole);
+      const auto relative_area = [&](std::int64_t step) {
+        return static_cast<double>(image(step)) / static_cast<double>(full_area);
       };
       double smallest = kInfinity;
-      for (std::int64_t step = kLeast; step <= kGreatest; ++step)
-        smallest = std::min(smallest, against(step));
-      tested_area += static_cast<double>(std::abs(whole));
+      for (std::int64_t step = kMinStep; step <= kMaxStep; ++step)
+        smallest = std::min(smallest, relative_area(step));
+      tested_area += static_cast<double>(std::abs(full_area));
       // A smaller area could change sign between two steps. At most three faces are that ambiguous.
       ambiguous += smallest >= 0.0 && smallest < 1e-6 ? 1U : 0U;
       if (smallest >= 0.0) continue;
       ++twisted;
-      twisted_area += static_cast<double>(std::abs(whole));
-      only_between += against(kLeast) >= 0.0 && against(kGreatest) >= 0.0 ? 1U : 0U;
+      twisted_area += static_cast<double>(std::abs(full_area));
+      only_between += relative_area(kMinStep) >= 0.0 && relative_area(kMaxStep) >= 0.0 ? 1U : 0U;
     }
     const TwistReport report = find_twists(vertices, indices, 1.0 / 16.0, 27.0 / 16.0);
     EXPECT_EQ(report.faces_tested, tested);
@@ -125,17 +125,17 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   constexpr double kThick = 0.05;
   constexpr double kWide = 0.06;
   constexpr double kDeep = 0.04;
-  constexpr double kApart = 0.05;  // gap between the boxes, less than a penumbra's width
+  constexpr double kGap = 0.05;  // gap between the boxes, less than a penumbra's width
   test::ShapeBuilder shape;
   shape.box(0, 0, 0, kWide, kDeep, kThick);
-  shape.box(kWide + kApart, 0, 0, 2 * kWide + kApart, kDeep, kThick);
+  shape.box(kWide + kGap, 0, 0, 2 * kWide + kGap, kDeep, kThick);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
   ASSERT_EQ(mesh.part_count, 2U);
   ShadowKernels kernels{Eigen::Vector3d::UnitZ(), {}, {}};
   constexpr double kKernelX = 0.02;  // offset from each box's corner
   constexpr double kKernelY = 0.03;
   for (const glm::vec3& p : mesh.positions) {
-    const double corner = p.x > static_cast<float>(kWide) + 0.01F ? kWide + kApart : 0.0;
+    const double corner = p.x > static_cast<float>(kWide) + 0.01F ? kWide + kGap : 0.0;
     kernels.kernels.emplace_back(corner + kKernelX, kKernelY, 0.0F);
   }
   for (const Light& light : {Light{0.9, 3.0, 0.0}, Light{0.5, 0.7, 0.0}, Light{0.6, 1.0, 0.0},
@@ -163,10 +163,10 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
         double expected = 0.0;
         if (from < to - 1e-9) {
           const double s = std::max(factor(from), factor(to));
-          const double both = 2.0 * kWide * kDeep * s * s;
+          const double two_areas = 2.0 * kWide * kDeep * s * s;
           // The two images are congruent, at a distance of kWide + kApart.
-          const double overlap = std::max(0.0, kWide * s - (kWide + kApart)) * kDeep * s;
-          expected = both - overlap;
+          const double overlap = std::max(0.0, kWide * s - (kWide + kGap)) * kDeep * s;
+          expected = two_areas - overlap;
           ++shadows;
         }
         const auto outline =
@@ -182,9 +182,9 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   }
 }
 
-// Area by slabs: between neighbouring events (edges that begin, end or cross), the covered length
-// of a vertical line is linear. The area is therefore the length in the middle times the slab's
-// width.
+// Returns the area by slabs: between neighbouring events (edges that begin, end or cross), the
+// covered length of a vertical line is linear. The area is therefore the length in the middle times
+// the slab's width.
 double area_by_slabs(const std::vector<PlanePoint>& triangles) {
   using Number = long double;
   struct Edge {
@@ -250,18 +250,18 @@ TEST(TriangleUnion, MatchesAreaBySlabs) {
   EXPECT_NEAR(area_by_slabs({{0, 0}, {2, 0}, {0, 2}, {1, 0}, {3, 0}, {1, 2}}), 3.5, 1e-12);
   std::mt19937 random(17);
   std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
-  std::uniform_int_distribution<int> whole(-4, 4);
+  std::uniform_int_distribution<int> grid_step(-4, 4);
   for (int set = 0; set < 60; ++set) {
     // Every second set lies on a grid, where edges and corners coincide.
     const bool grid = set % 2 == 1;
     const auto coordinate = [&] {
-      return grid ? static_cast<float>(whole(random)) / 16.0F : anywhere(random);
+      return grid ? static_cast<float>(grid_step(random)) / 16.0F : anywhere(random);
     };
     std::vector<PlanePoint> triangles;
     for (int i = 0; i < 3 * (1 + set % 25); ++i) triangles.push_back({coordinate(), coordinate()});
     const double expected = area_by_slabs(triangles);
-    for (const std::size_t at_once : {std::size_t{0}, std::size_t{6000}}) {
-      const auto outline = union_of_triangles(triangles, at_once);
+    for (const std::size_t max_edges : {std::size_t{0}, std::size_t{6000}}) {
+      const auto outline = union_of_triangles(triangles, max_edges);
       ASSERT_TRUE(outline);
       EXPECT_NEAR(outline->area, expected, 1e-6 * expected + 1e-12) << "set " << set;
     }
@@ -317,14 +317,14 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
       shape.quad(pairs[i][0], pairs[i + 1][0], pairs[i + 1][1], pairs[i][1]);
     return shape.build();
   };
-  static constexpr double kRing = 0.045;  // radius of a ring's centre line
+  static constexpr double kRingRadius = 0.045;  // radius of a ring's centre line
   const auto ring = [] {
     test::ShapeBuilder shape;
     std::vector<std::array<std::uint32_t, 2>> pairs;
     for (int i = 0; i < kSides; ++i) {
       const double t = 2.0 * std::numbers::pi * i / kSides;
       const auto at = [&](double r) { return shape.vertex(r * std::cos(t), r * std::sin(t), 0); };
-      pairs.push_back({at(kRing - kRadius), at(kRing + kRadius)});
+      pairs.push_back({at(kRingRadius - kRadius), at(kRingRadius + kRadius)});
     }
     for (std::size_t i = 0; i < pairs.size(); ++i) {
       const auto& next = pairs[(i + 1) % pairs.size()];
@@ -339,7 +339,7 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
          return kRadius - (p - Eigen::Vector2d(std::clamp(p.x(), -kHalf, kHalf), 0.0)).norm();
        }},
       {"ring", ring(),
-       [](const Eigen::Vector2d& p) { return kRadius - std::abs(p.norm() - kRing); }}};
+       [](const Eigen::Vector2d& p) { return kRadius - std::abs(p.norm() - kRingRadius); }}};
   constexpr double kUmbraHeight = 0.3;
   const LayeredConstants constants = make_layered_constants(kInfinity, 0.0, kUmbraHeight).value();
   const KernelTuning tuning;
@@ -360,14 +360,14 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
                                           Eigen::Quaterniond::Identity(), 1.0},
                                          PlaneFrame());
       // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the difference
-      // between discs that count as equal. The layer moves by `height_fraction` of that. A polygon
-      // approximates the outline.
+      // between discs that count as equal. The layer moves by `height_fraction` of this sum. A
+      // polygon approximates the outline.
       const double cells =
           std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
                      static_cast<double>(tuning.least_side_cells),
                      static_cast<double>(tuning.most_side_cells));
       const double cell = long_side / cells;
-      const double off =
+      const double tolerance =
           height_fraction * (std::numbers::sqrt2 * cell +
                              (1.0 - static_cast<double>(tuning.equal_radius)) * kRadius) +
           2e-5;
@@ -378,7 +378,7 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
         const double distance = lambda_of(layer) * height_fraction * kRadius;
         double length = 0.0;
         double worst = 0.0;
-        const auto along = [&](const std::vector<Eigen::Vector2d>& polygon) {
+        const auto measure = [&](const std::vector<Eigen::Vector2d>& polygon) {
           for (std::size_t i = 0; i < polygon.size(); ++i) {
             const Eigen::Vector2d& a = polygon[i];
             const Eigen::Vector2d& b = polygon[(i + 1) % polygon.size()];
@@ -388,21 +388,22 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
           }
         };
         for (const LayerPolygon& polygon : outline->polygons) {
-          along(polygon.outer);
-          for (const auto& hole : polygon.holes) along(hole);
+          measure(polygon.outer);
+          for (const auto& hole : polygon.holes) measure(hole);
         }
-        EXPECT_LE(worst, off) << body.name << " " << lambda_of(layer) << " at " << height_fraction;
+        EXPECT_LE(worst, tolerance)
+            << body.name << " " << lambda_of(layer) << " at " << height_fraction;
         RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
                            (height_fraction < 0.5 ? "_low" : "_high"),
-                       std::to_string(worst / off));
-        // The outline is close to the exact one. An equal area shows that it has no gap.
+                       std::to_string(worst / tolerance));
+        // The outline is close to the exact outline. An equal area shows that it has no gap.
         const double half = kRadius + distance;
-        const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
-                             : body.name[0] == 'c'
-                                 ? std::numbers::pi * half * half + 4.0 * kHalf * half
-                                 : 4.0 * std::numbers::pi * kRing * half;
+        const double exact_area = body.name[0] == 'd' ? std::numbers::pi * half * half
+                                  : body.name[0] == 'c'
+                                      ? std::numbers::pi * half * half + 4.0 * kHalf * half
+                                      : 4.0 * std::numbers::pi * kRingRadius * half;
         EXPECT_GT(length, 0.0);
-        EXPECT_NEAR(outline->area, exact, off * length + 2e-3 * exact) << body.name;
+        EXPECT_NEAR(outline->area, exact_area, tolerance * length + 2e-3 * exact_area) << body.name;
       }
     }
   }

@@ -106,7 +106,7 @@ int differing(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t
   return count;
 }
 
-// Pixels of the overhead camera whose centres lie in any of the projected triangles.
+// Returns the pixels of the overhead camera whose centres lie in any of the projected triangles.
 std::vector<std::uint8_t> covered_by(const std::vector<PlanePoint>& points) {
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(kSide * kSide), 0);
   const CameraModel camera = overhead_camera();
@@ -373,7 +373,7 @@ Expected offline_layer(const Scene& scene, const std::vector<Eigen::Vector2d>& g
   return expected;
 }
 
-// Intersections of the pixels' rays with the plane z = 0.
+// Returns the intersections of the pixels' rays with the plane z = 0.
 std::vector<Eigen::Vector2d> ground_under(const CameraModel& camera, const PoseEstimate& pose) {
   std::vector<Eigen::Vector2d> ground;
   const CameraPose& T = pose.T_table_camera;
@@ -432,7 +432,7 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
 // A bar of 0.2 m, inclined by 30 degrees, rises through h_u. Its umbra must shrink without a jump
 // although the bar has only 12 triangles (docs/shadows.md#layers).
 TEST(ShadowPass, ShrinksUmbraOfRisingBarEvenly) {
-  double last = -1.0;
+  double previous = -1.0;
   double start = 0.0;
   double largest_jump = 0.0;
   for (int i = 0; i <= 24; ++i) {
@@ -443,35 +443,35 @@ TEST(ShadowPass, ShrinksUmbraOfRisingBarEvenly) {
     Studio studio(builder.build(), overhead_camera());
     const double area = draw_layer(studio, overhead(), ShadowLayer::umbra).area_m2;
     if (i == 0) start = area;
-    if (last >= 0.0) {
-      EXPECT_LE(area, last * 1.01) << i;
-      largest_jump = std::max(largest_jump, (last - area) / start);
+    if (previous >= 0.0) {
+      EXPECT_LE(area, previous * 1.01) << i;
+      largest_jump = std::max(largest_jump, (previous - area) / start);
     }
-    last = area;
+    previous = area;
   }
   EXPECT_LE(largest_jump, 7 * 0.015) << "fraction of the initial area lost per step of 7 mm";
-  EXPECT_EQ(last, 0.0) << "the bar is above h_u";
+  EXPECT_EQ(previous, 0.0) << "the bar is above h_u";
 }
 
 TEST(ShadowPass, DarkensPixelOnceByDarkestLayer) {
-  SceneBuilder both;
-  SceneBuilder one;
-  SceneBuilder other;
+  SceneBuilder two_objects;
+  SceneBuilder only_box;
+  SceneBuilder only_torus;
   const Placement a = test::at(-0.03, 0.0, 0.12);
   const Placement b = test::at(0.04, 0.02, 0.16, {1, 0, 0}, 0.3);
-  both.add(box(0.1, 0.06, 0.05), a);
-  both.add(torus(), b);
-  one.add(box(0.1, 0.06, 0.05), a);
-  other.add(torus(), b);
+  two_objects.add(box(0.1, 0.06, 0.05), a);
+  two_objects.add(torus(), b);
+  only_box.add(box(0.1, 0.06, 0.05), a);
+  only_torus.add(torus(), b);
   const auto draw = [](const SceneBuilder& builder) {
     Studio studio(builder.build(), overhead_camera());
     PlanOptions options;
     options.layers = LayerDrawing::direct;
     return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
-  const RenderedImage together = draw(both);
-  const RenderedImage first = draw(one);
-  const RenderedImage second = draw(other);
+  const RenderedImage together = draw(two_objects);
+  const RenderedImage first = draw(only_box);
+  const RenderedImage second = draw(only_torus);
   std::set<int> values;
   int overlap = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -507,11 +507,11 @@ TEST(ShadowPass, ClipsShadowAtReceiverOutline) {
   // An L-shaped outline whose inner corner lies at the origin, under the shadow.
   builder.scene().planes[0].outline = {{-0.3, -0.3}, {0.3, -0.3}, {0.3, 0.0},
                                        {0.0, 0.0},   {0.0, 0.3},  {-0.3, 0.3}};
-  Studio cut(builder.build(), overhead_camera());
+  Studio clipped(builder.build(), overhead_camera());
   builder.scene().planes[0].outline.clear();
-  Studio whole(builder.build(), overhead_camera());
-  const Layer a = draw_layer(cut, overhead(), ShadowLayer::penumbra);
-  const Layer b = draw_layer(whole, overhead(), ShadowLayer::penumbra);
+  Studio unclipped(builder.build(), overhead_camera());
+  const Layer a = draw_layer(clipped, overhead(), ShadowLayer::penumbra);
+  const Layer b = draw_layer(unclipped, overhead(), ShadowLayer::penumbra);
   EXPECT_NEAR(a.area_m2, 0.75 * b.area_m2, 0.01 * b.area_m2);
   const CameraModel camera = overhead_camera();
   const auto pixel = [&](double x, double y) {
@@ -599,12 +599,12 @@ TEST(ShadowPass, KeepsSurfaceAndKernelsWhenSplitting) {
   // Coarser levels approximate the same surface with longer edges.
   ASSERT_GT(g.coarser.size(), 1U);
   EXPECT_EQ(g.coarser[0].indices, mesh.indices);
-  float longer = std::numeric_limits<float>::infinity();
+  float previous_longest = std::numeric_limits<float>::infinity();
   for (const CasterGeometry::Coarser& coarser : g.coarser) {
-    EXPECT_LT(coarser.longest_edge, longer);
+    EXPECT_LT(coarser.longest_edge, previous_longest);
     EXPECT_LT(coarser.indices.size(), g.indices.size());
     EXPECT_GT(coarser.longest_edge, 0.02F);
-    longer = coarser.longest_edge;
+    previous_longest = coarser.longest_edge;
     float longest = 0.0F;
     double same_area = 0.0;
     for (std::size_t i = 0; i + 2 < coarser.indices.size(); i += 3) {
