@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-constexpr float kCoarser = 1.41421356F;  // ratio of the longest edges of consecutive coarser meshes
+constexpr float kCoarser = 1.41421356F;  // ratio of longest edges of consecutive coarser meshes
 
 float longest_edge_of(const CasterGeometry& g) {
   float longest = 0.0F;
