@@ -19,8 +19,8 @@ vec3 blocked_share(vec3 point, vec3 normal) {
   return clamp(blocked / max(total, vec3(1.0e-4)), 0.0, 1.0);
 }
 
-// Darkens the encoded image by the blocked fraction `share`; if `add_up`, returns opacity
-// and share for light_sum.frag.glsl instead.
+// Darkens the encoded image by the blocked fraction `share`; if `add_up`, returns
+// opacity * (share, 1) for light_sum.frag.glsl instead.
 vec4 darkening(vec3 share, float opacity, bool add_up) {
   if (add_up) return added(opacity * vec4(share, 1.0));
   vec3 encoded = pow(1.0 - share, vec3(encoding));

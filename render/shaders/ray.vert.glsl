@@ -11,7 +11,7 @@ uniform vec2 half_width;  // of a ribbon and of a dot, divided by the depth
 invariant gl_Position;
 
 out vec3 tint;
-out vec2 from_middle;  // 0 .. 1 at a dot's rim; 0 in a ribbon
+out vec2 from_middle;  // length 1 at a dot's rim; 0 in a ribbon
 
 void main() {
   tint = color;

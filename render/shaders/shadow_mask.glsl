@@ -43,11 +43,11 @@ float light_left_under_mask(vec3 point, vec3 normal) {
   }
   // Lambert's law for the blocked light.
   vec3 lost = (1.0 - pow(mask_light_left, vec3(1.0 / encoding))) * min(facing, 1.0);
-  vec3 darkening = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
+  vec3 dimming = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
   // Each layer counts only where no darker layer covers the texel.
   cover.g = max(cover.g, cover.r);
   cover.b = max(cover.b, cover.g);
-  float light_left = 1.0 - dot(vec3(cover.r, cover.g - cover.r, cover.b - cover.g), darkening);
+  float light_left = 1.0 - dot(vec3(cover.r, cover.g - cover.r, cover.b - cover.g), dimming);
   // Rounds to 8 bits, because the framebuffer's alpha does so with gathered values.
   return floor(255.0 * light_left + 0.5) / 255.0;
 }

@@ -57,7 +57,7 @@ struct PartDisc {
   glm::vec3 centre{0.0F};  // of the silhouette, object frame [m]; height along `up` irrelevant
   float radius = 0.0F;     // area-weighted median of the local thickness [m]; 0 without area
 };
-inline constexpr double kHalfFieldCell = 1.0 / 512.0;  // half a cell of ShadowFieldOptions::cells
+inline constexpr double kHalfFieldCell = 1.0 / 512.0;  // half a cell of a field of 256 cells
 // Returns one disc per part. `finest_cell`: minimum cell size of a silhouette's raster, as a
 // fraction of the object's extent; 0: no minimum. `across_joints`: bridges the joints between
 // bodies that a group joined into one part, as kernels do; if false, a field shows the light
