@@ -10,7 +10,7 @@ namespace {
 // Returns the coefficients of a vertex for two or three lines; see pattern() in residuals_body.hpp.
 std::array<float, 16> coefficients_of(const TagPattern& pattern, int i, int j, int lines) {
   const auto colour = [&](int di, int dj) { return pattern.white(i + di, j + dj) ? 1.0F : 0.0F; };
-  const int first = lines == 3 ? -1 : 0;  // first line; the first cell is first - 1
+  const int first = lines == 3 ? -1 : 0;  // first line from the vertex; cell first - 1 precedes it
   std::array<float, 16> c{};
   for (int row = 0; row < lines; ++row) {
     const int dj = first + row;

@@ -19,7 +19,7 @@ namespace penumbra {
 inline constexpr int kMaxSearchCells = 36;
 // Minimum number of samples for a tag to contribute equations.
 inline constexpr int kMinSamples = 16;
-// Minimum mean Tukey weight of a tag's samples; the tag is not used if it is less.
+// A tag is used only if the mean Tukey weight of its samples is at least this.
 inline constexpr double kMinWeightFraction = 0.3;
 
 struct AlignedTag {
@@ -30,7 +30,7 @@ struct AlignedTag {
   Eigen::Isometry3d T_map_tag = Eigen::Isometry3d::Identity();
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
-  // Vertices, padded to a multiple of 16 with copies of the final one.
+  // Lattice coordinates of the vertices; padded to a multiple of 16 with copies of the last vertex.
   std::vector<float> lattice_a, lattice_b;
   // Coefficients of each vertex for 1, 2 and 3 lines per axis; see simd::Samples.
   std::vector<std::array<float, 4>> coefficients1;
@@ -39,8 +39,8 @@ struct AlignedTag {
   // Cells of the runs along a, and of those along b; see simd::Walk.
   std::array<std::vector<simd::Walk::Cell>, 2> edge_cells;
   std::vector<DataCell> search_cells;  // equal numbers of white and black cells, white first
-  int search_white = 0;
-  // Centres of the search cells in the lattice, then its four corners; padded with the final one.
+  int search_white = 0;                // number of white search cells
+  // Search points: centres of the search cells, then the lattice's corners; padded with the last.
   std::vector<float> search_a, search_b;
 
   // State of the current frame. AlignmentProblem::begin() sets only `rejected`. find_visible() and
@@ -52,28 +52,28 @@ struct AlignedTag {
   bool fully_projected = false;  // all vertices have a projection
   Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // camera in the lattice frame [cells]
-  Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();  // (a, b, 1) to the camera frame
   std::array<float, 9> lattice_from_ray{};
   std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // of the vertices
   // Search points; depth <= 0 if the point has no projection.
   std::vector<float> search_x, search_y, search_depth;
   Eigen::Vector2d along_a = Eigen::Vector2d::Zero();  // a cell's sides at the tag's centre [px]
   Eigen::Vector2d along_b = Eigen::Vector2d::Zero();
-  double cell_px = 0.0;  // smaller width of the central cell; cell_max_px: the larger one
-  double cell_max_px = 0.0;
-  double correlation = 0.0;
-  // Rolling shutter: camera motion from the image's middle row to `row`, through the tag's centre.
+  double cell_px = 0.0;      // smaller width of the central cell
+  double cell_max_px = 0.0;  // larger width of the central cell
+  double correlation = 0.0;  // of the point spread along a and b
+  // Camera motion while a rolling shutter reads from the image's middle row to `row`.
   Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
-  double row = 0.0;
+  double row = 0.0;                                     // image row of the tag's centre
   Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();  // the tag's displacement per row [px]
-  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // during the exposure
-  int moments = 1;                                      // of the exposure, equally spaced
-  Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();  // motion within one moment
-  // Sigma of the point spread function along a and b, with that motion.
+  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // the tag's motion during the exposure
+  int moments = 1;  // number of equally spaced moments that model the exposure
+  Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();  // the tag's motion within one moment
+  // Sigma of the point spread along a and b, including spread_px.
   Eigen::Vector2d sigma_cells = Eigen::Vector2d::Zero();
-  double gain = 0.0, offset = 0.0;
-  int reach = 1;  // pattern lines per axis that the model of a pixel uses
-  bool correlated = false;
+  double gain = 0.0, offset = 0.0;   // linear light = gain * pattern + offset
+  int reach = 1;                     // number of pattern lines per axis that affect a pixel
+  bool correlated = false;           // the model uses `correlation`
   simd::Samples samples;             // memory in the arena
   std::vector<std::int32_t> vertex;  // memory of samples.vertex
   // Samples and poses of each moment, if there are several.
@@ -87,7 +87,7 @@ struct AlignedTag {
   std::vector<std::int32_t> step_run;
   simd::Sums sums;
   std::vector<std::int16_t> scores;  // score map of the pattern search
-  int score_points = 0;
+  int score_points = 0;              // number of cells in `scores`
 
   // Returns a lattice point in the camera frame.
   [[nodiscard]] Eigen::Vector3d point(double a, double b) const {

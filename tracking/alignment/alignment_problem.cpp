@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// Returns the model's additional blur in the wide stage (1/4 cell), which widens its range.
+// Returns the variance of the wide stage's additional blur, which widens its convergence range.
 double wide_variance_px2(double cell_px) {
   const double added_px = std::min(2.45, 0.25 * cell_px);
   return added_px * added_px;
@@ -97,16 +97,16 @@ void AlignmentProblem::place(AlignedTag& tag) const {
   tag.ray_from_lattice.col(2) = T.translation() - half * tag.cell_m * (R.col(0) + R.col(1));
   tag.R_lattice_camera = R.transpose();
   tag.centre = -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
-  tag.lattice_from_ray = rows_of(tag.ray_from_lattice.inverse() * tag.cell_m);  // S near 1
+  tag.lattice_from_ray = rows_of(tag.ray_from_lattice.inverse() * tag.cell_m);  // homogeneous
 }
 
-// Estimates the row at which a rolling shutter reads the tag, and the camera's motion until then.
+// Finds the row of the tag's centre, and the camera motion until a rolling shutter reads it.
 void AlignmentProblem::read_out(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
   if (row_velocity.isZero()) return;
   place(tag);
-  // The second pass starts at the row found, because the motion affects the first one.
+  // The second pass starts at the row of the first pass, because the motion changes the row.
   for (int pass = 0; pass < 2; ++pass) {
     const Eigen::Vector3d p = tag.centre_point();
     if (!(p.z() > 0.0)) return;
@@ -114,14 +114,14 @@ void AlignmentProblem::read_out(AlignedTag& tag) const {
     tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
     // Points of the scene move opposite to the camera.
     tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
-    // Ignores large shears: a tag as fast as the read-out is blurred rather than sheared.
+    // Ignores large shears: a tag that moves as fast as the read-out is blurred, not sheared.
     if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
     tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
     place(tag);
   }
 }
 
-// Projects lattice points into the arrays of `vertices`, with the rolling shutter.
+// Projects the lattice points of `vertices`, and displaces them by the rolling shutter.
 void AlignmentProblem::project(AlignedTag& tag, double added_variance_px2,
                                simd::Vertices& vertices) const {
   const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
@@ -198,7 +198,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
     const Eigen::Vector3d corner = tag.point(a, b);
     if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
   }
-  // Point spreads this far apart sum up to a uniform blur within 1/300 of the gain.
+  // Distance between moments [sigmas]: their sum differs from a uniform blur by 1/300 of the gain.
   constexpr double kSigmasApart = 4.0;
   if (blur == BlurModel::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
@@ -244,9 +244,9 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
     tag.too_small = true;
     return false;
   }
-  const double reach = half * (along_a.norm() + along_b.norm());
-  if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
-        pixel.y() < camera.height() + reach))
+  const double radius_px = half * (along_a.norm() + along_b.norm());
+  if (!(pixel.x() > -radius_px && pixel.y() > -radius_px &&
+        pixel.x() < camera.width() + radius_px && pixel.y() < camera.height() + radius_px))
     return false;
   measure_motion(tag, p, J, blur);
   const double variance_px = options.blur_px * options.blur_px;
@@ -257,11 +257,11 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   const Eigen::Matrix2d G = basis.inverse();
   const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
   tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
-  // A line has an effect up to 2.5 sigma; with n lines per axis the next is n / 2 cells away.
+  // A line affects pixels within 2.5 sigma; the nearest ignored line is reach / 2 cells away.
   const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
   if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
-  // Correlation has an effect only at vertices, and little in the mean of many moments.
+  // The correlation changes only pixels at vertices, and little the mean of many moments.
   constexpr int kMaxCorrelatedMoments = 2;
   tag.correlated = tag.moments <= kMaxCorrelatedMoments && std::abs(tag.correlation) > 0.3;
   return true;

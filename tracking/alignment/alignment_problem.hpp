@@ -58,14 +58,14 @@ struct AlignmentProblem {
   // State of the current frame.
   ImageView image;
   Eigen::Isometry3d T_camera_map = Eigen::Isometry3d::Identity();
-  Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();  // T_camera_map as predicted
   // Covariance of the prediction as a left perturbation of T_camera_map, and its inverse.
   Matrix6d prior_covariance = Matrix6d::Zero();
   Matrix6d prior_information = Matrix6d::Zero();
-  Vector6d row_velocity = Vector6d::Zero();     // of the camera, per row [m, rad]
-  Vector6d exposure_motion = Vector6d::Zero();  // of the camera [m, rad]
-  std::vector<AlignedTag*> active;
-  double moved_since_projection_px = 0.0;  // maximum over the tag corners
+  Vector6d row_velocity = Vector6d::Zero();     // camera motion per row [m, rad]
+  Vector6d exposure_motion = Vector6d::Zero();  // camera motion during the exposure [m, rad]
+  std::vector<AlignedTag*> active;              // usable tags; see find_visible()
+  double moved_since_projection_px = 0.0;       // maximum over the tag corners
   AlignmentCounters counters;
 
   void set_tone(double exponent);
@@ -79,13 +79,13 @@ struct AlignmentProblem {
 
   // Sets `active` to the tags that are usable at the current pose, and projects them.
   void find_visible(Projection projection);
-  // Updates a tag for the current pose.
+  // Sets the tag's transforms for the current pose.
   void place(AlignedTag& tag) const;
   // Sets the tag's size and motion in the image; returns true if it is usable at the current pose.
   [[nodiscard]] bool measure(AlignedTag& tag, BlurModel blur = BlurModel::point_spread) const;
   // Sets the poses of a tag at the moments of the exposure.
   void place_moments(AlignedTag& tag);
-  // `added_variance_px2`: blur of the model in addition to the lens.
+  // Projects the tag's vertices. `added_variance_px2`: variance of the model's additional blur.
   void project_lattice(AlignedTag& tag, double added_variance_px2) const;
   // Sets the pixel nearest to a cell's centre; returns false if it is outside the image.
   [[nodiscard]] bool nearest_cell_pixel(const AlignedTag& tag, const DataCell& cell, int& x,
@@ -116,7 +116,7 @@ struct AlignmentProblem {
                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const;
 
   static constexpr int kMaxMoments = 16;
-  // For each number of moments, the motions from T_camera_map to them; computed when needed.
+  // paths_[n]: camera motion from T_camera_map to each of n moments; computed when needed.
   std::array<std::vector<Eigen::Isometry3d>, kMaxMoments + 1> paths_;
   std::vector<std::int32_t> cell_places_;
 };

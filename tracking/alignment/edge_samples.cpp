@@ -76,7 +76,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
   const simd::Samples s = tag.samples;  // a copy: stores to the arrays can't change it
   problem_.loops->read(problem_.image.data, problem_.tone.data(), tag.used, s);
   if (!tag.row_shear.isZero()) {
-    // Moves the samples to their positions as if all rows were read with the tag's row.
+    // Moves the samples to where they would be if all rows were read at the time of the tag's row.
     const auto row = static_cast<float>(tag.row);
     const Eigen::Vector2f shear = tag.row_shear.cast<float>();
     for (int i = 0; i < s.count; ++i) {
@@ -93,18 +93,18 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
   keep_on_paper(tag);
   for (int k = 0; k < tag.moments; ++k) {
     const auto moment = static_cast<std::size_t>(k);
-    simd::Samples& of = tag.moment_samples[moment];
-    of = tag.samples;
-    if (k > 0) arena_.allocate_anchors(tag.reach, of);
-    problem_.loops->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
-    attach(tag, of);
+    simd::Samples& s_k = tag.moment_samples[moment];
+    s_k = tag.samples;
+    if (k > 0) arena_.allocate_anchors(tag.reach, s_k);
+    problem_.loops->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, s_k);
+    attach(tag, s_k);
   }
 }
 
-// Removes samples near the tag's outline at an end of the exposure: they mix with the surroundings.
+// Removes samples that mix with light from outside the tag at the start or end of the exposure.
 void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
-  // A line has an effect up to 2.5 sigma.
+  // A line affects pixels up to 2.5 sigma away.
   const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
   const auto on_paper = [&](const float* M, int i) {
     const float x = s.ray_x[i];
@@ -114,9 +114,9 @@ void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
     const float b = (M[3] * x + M[4] * y + M[5]) * inverse;
     const auto last = static_cast<float>(tag.side - 1);
     if (!(a > near.x() && b > near.y() && a < last - near.x() && b < last - near.y())) return false;
-    for (const float of_a : {a - near.x(), a + near.x()}) {
-      for (const float of_b : {b - near.y(), b + near.y()}) {
-        if (!tag.pattern.printed(static_cast<int>(of_a), static_cast<int>(of_b))) return false;
+    for (const float near_a : {a - near.x(), a + near.x()}) {
+      for (const float near_b : {b - near.y(), b + near.y()}) {
+        if (!tag.pattern.printed(static_cast<int>(near_a), static_cast<int>(near_b))) return false;
       }
     }
     return true;
@@ -135,7 +135,7 @@ void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   tag.samples.count = padded(kept);
 }
 
-// Sets the members that depend on the anchor.
+// Sets the samples' members that depend on their anchors; see simd::Samples.
 void EdgeSampler::attach(const AlignedTag& tag, const simd::Samples& samples) const {
   const simd::Samples s = samples;  // a copy: stores to the arrays can't change it
   if (tag.reach == 1) {
@@ -171,9 +171,9 @@ void EdgeSampler::take_samples(AlignedTag& tag, int capacity) {
 
 void EdgeSampler::evaluate(AlignedTag& tag) const {
   const bool moments = tag.moments > 1;
-  simd::AccumulateInput one;
-  std::ranges::copy(tag.lattice_from_ray, one.lattice_from_ray);
-  simd::AccumulateInput* const inputs = moments ? tag.moment_inputs.data() : &one;
+  simd::AccumulateInput single;
+  std::ranges::copy(tag.lattice_from_ray, single.lattice_from_ray);
+  simd::AccumulateInput* const inputs = moments ? tag.moment_inputs.data() : &single;
   inputs->reach = tag.reach;
   inputs->correlated = tag.correlated;
   problem_.loops->evaluate(inputs, moments ? tag.moment_samples.data() : &tag.samples, tag.moments);
@@ -185,7 +185,7 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   tag.thinned = false;
   Band band;
   if (wide) {
-    // Covers edges up to half a cell away.
+    // The offsets extend half a cell to each side of the edge.
     const double unit = std::max(tag.cell_px / 10.0, 0.3);
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
@@ -202,14 +202,13 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   std::array<double, 2> reach_px;
   reach_px.fill(sigmas * problem_.options.blur_px);
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
-  // Closer steps may select the same pixel where the tag appears smaller.
+  // Shorter steps may select a pixel twice where the tag appears smaller.
   constexpr double kMinStep_px = 1.5;
-  // With fewer tags, the tilt depends on single edges.
+  // With fewer tags, the tilt of the pose depends on single edges, so each edge is walked.
   constexpr std::size_t kMinTags = 3;
   if (problem_.active.size() >= kMinTags) {
-    // Total extent of the edges along their nearer image axis, and along the other one.
-    double length = 0.0;
-    double tilt = 0.0;
+    double length = 0.0;  // total extent of the edges along their nearer image axes [px]
+    double tilt = 0.0;    // total extent of the edges along the other image axes [px]
     for (const auto& [direction, cell_px] :
          {std::pair(0U, tag.along_a), std::pair(1U, tag.along_b)}) {
       const double cells = edge_cells(tag, direction);
@@ -300,7 +299,7 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   walk.parts = run_parts_.data();
   walk.reach_px = reach_px[0];
   double length = 0.0;
-  double tilt = 0.0;  // total extent along the other axis
+  double tilt = 0.0;  // total extent of the runs along the other image axis
   problem_.loops->measure_runs(walk, length, tilt);
   if (!(length > 0.0) || !(length < 1e7)) return;
   if (reach_px[1] != reach_px[0]) {
@@ -346,17 +345,16 @@ void EdgeSampler::read_cells(AlignedTag& tag) {
 
 void EdgeSampler::average_cells(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
-  const int about = std::min(static_cast<int>(tag.cell_px / 6.0), 3);
+  const int half = std::min(static_cast<int>(tag.cell_px / 6.0), 3);  // half width [px]
   // With a rolling shutter, samples are displaced from their pixels.
-  if (about == 0 || !tag.row_shear.isZero(0.0)) return;
+  if (half == 0 || !tag.row_shear.isZero(0.0)) return;
   for (int k = 0; k < tag.used; ++k) {
     const int x = static_cast<int>(s.pixel_x[k]);
     const int y = static_cast<int>(s.pixel_y[k]);
     float sum = 0.0F;
     int count = 0;
-    for (int v = std::max(y - about, 0); v <= std::min(y + about, problem_.image.height - 1); ++v) {
-      for (int u = std::max(x - about, 0); u <= std::min(x + about, problem_.image.width - 1);
-           ++u) {
+    for (int v = std::max(y - half, 0); v <= std::min(y + half, problem_.image.height - 1); ++v) {
+      for (int u = std::max(x - half, 0); u <= std::min(x + half, problem_.image.width - 1); ++u) {
         sum += problem_.tone[problem_.image.data[v * problem_.image.stride + u]];
         ++count;
       }

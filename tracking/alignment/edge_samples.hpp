@@ -27,7 +27,7 @@ class EdgeSampler {
   void select(AlignedTag& tag, bool wide, int cap);
   // Samples the data cells' centres and evaluates the model for them.
   void read_cells(AlignedTag& tag);
-  // Replaces the values of read_cells by means over the pixels within 1/6 cell.
+  // Replaces the values that read_cells() set by means over the pixels within 1/6 cell.
   void average_cells(AlignedTag& tag) const;
   // See TagAligner::edge_pixels().
   [[nodiscard]] std::vector<EdgePixel> edge_pixels(std::span<const TagAlignment> seen);
@@ -40,7 +40,8 @@ class EdgeSampler {
     std::array<int, 16> offsets{};
     int count = 0;
     [[nodiscard]] int rows_at_most(double reach_px) const;
-    // Returns the step length along edges of this length for about `cap` samples [px].
+    // Returns the step length [px] for about `cap` samples on edges that extend by `length` along
+    // the nearer and by `tilt` along the other image axis [px].
     [[nodiscard]] double stride(double reach_px, double length, double tilt, int cap) const;
     // Returns the offsets across an edge relative to the first row of a step.
     [[nodiscard]] std::array<float, 20> row_offsets() const;
@@ -60,7 +61,7 @@ class EdgeSampler {
 
   AlignmentProblem& problem_;
   SampleArena arena_;
-  std::vector<simd::RunWalk::Part> run_parts_;  // of a tag
+  std::vector<simd::RunWalk::Part> run_parts_;  // scratch memory for the runs of one tag
 };
 
 // Checks that the active tags' data cells have the expected colours at a solved pose. Sets the

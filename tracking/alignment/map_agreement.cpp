@@ -22,8 +22,9 @@ double per_freedom(double sum, std::size_t tags) {
   return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
 }
 
-// Pose covariance caused by lens, camera response and paper at one tag; see docs/tracking.md#map.
-Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
+// Returns the pose covariance by lens, camera response and paper at a tag; see
+// docs/tracking.md#map.
+Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& equations) {
   constexpr double kShift_px = 0.05;
   constexpr double kEdge_px = 0.05;
   constexpr double kTilt_rad = 0.005;
@@ -34,8 +35,8 @@ Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
       std::sqrt(std::abs(tag.along_a.x() * tag.along_b.y() - tag.along_a.y() * tag.along_b.x()));
   // Columns: perturbations of one sigma about the tag's centre.
   Matrix6d paper = Matrix6d::Zero();
-  paper.block<3, 1>(0, 0) = kShift_px * of.motions.block<3, 1>(0, 0);
-  paper.block<3, 1>(0, 1) = kShift_px * of.motions.block<3, 1>(0, 1);
+  paper.block<3, 1>(0, 0) = kShift_px * equations.motions.block<3, 1>(0, 0);
+  paper.block<3, 1>(0, 1) = kShift_px * equations.motions.block<3, 1>(0, 1);
   paper.block<3, 1>(0, 2) = kEdge_px / half_px * centre;
   for (int axis = 0; axis < 3; ++axis) {
     const Eigen::Vector3d turn = kTilt_rad * Eigen::Vector3d::Unit(axis);
@@ -57,17 +58,17 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
       continue;
     const Eigen::Vector3d centre = tag.centre_point();
     if (!(centre.z() > 0.0)) continue;
-    TagEquations& own = equations_.emplace_back();
-    own.index = problem.index_of(tag);
-    own.H = camera_matrix([&](std::size_t h) { return pack.H_camera[h][lane]; });
-    for (int i = 0; i < 6; ++i) own.g[i] = pack.g_camera[i][lane];
-    own.g -= solver.slope() * (own.H * solver.last_step());
-    own.motions.setZero();
-    own.motions(0, 0) = centre.z() / problem.camera.parameters().fx;
-    own.motions(1, 1) = centre.z() / problem.camera.parameters().fy;
-    own.motions.col(2).tail<3>() = centre.normalized();
-    own.inverse = (own.motions.transpose() * own.H * own.motions).inverse();
-    if (!own.inverse.allFinite()) equations_.pop_back();
+    TagEquations& added = equations_.emplace_back();
+    added.index = problem.index_of(tag);
+    added.H = camera_matrix([&](std::size_t h) { return pack.H_camera[h][lane]; });
+    for (int i = 0; i < 6; ++i) added.g[i] = pack.g_camera[i][lane];
+    added.g -= solver.slope() * (added.H * solver.last_step());
+    added.motions.setZero();
+    added.motions(0, 0) = centre.z() / problem.camera.parameters().fx;
+    added.motions(1, 1) = centre.z() / problem.camera.parameters().fy;
+    added.motions.col(2).tail<3>() = centre.normalized();
+    added.inverse = (added.motions.transpose() * added.H * added.motions).inverse();
+    if (!added.inverse.allFinite()) equations_.pop_back();
   }
 }
 
@@ -82,20 +83,20 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   Vector6d weighted_sum = Vector6d::Zero();
   double squares = 0.0;
   double trace = 0.0;
-  for (const TagEquations& of : equations_) {
-    const Eigen::LDLT<Matrix6d> solver(of.H);
+  for (const TagEquations& equations : equations_) {
+    const Eigen::LDLT<Matrix6d> solver(equations.H);
     // A tag clipped by the image's border may not determine a pose.
     constexpr double kMinCondition = 1e-13;
     if (!solver.isPositive() || !(solver.rcond() > kMinCondition)) continue;
-    const Matrix6d own = solver.solve(Matrix6d::Identity());
-    const Vector6d x = own * of.g;
-    const AlignedTag& tag = problem.tags[static_cast<std::size_t>(of.index)];
-    const Matrix6d weight =
-        inverse_of_spd(variance * variance_inflation(result) * own + paper_covariance(tag, of));
+    const Matrix6d H_inverse = solver.solve(Matrix6d::Identity());
+    const Vector6d x = H_inverse * equations.g;
+    const AlignedTag& tag = problem.tags[static_cast<std::size_t>(equations.index)];
+    const Matrix6d weight = inverse_of_spd(variance * variance_inflation(result) * H_inverse +
+                                           paper_covariance(tag, equations));
     if (!weight.allFinite() || !x.allFinite()) continue;
     tags_count += 1.0;
-    H += of.H;
-    H_of_places += of.H.leftCols<3>() * of.H.topRows<3>();
+    H += equations.H;
+    H_of_places += equations.H.leftCols<3>() * equations.H.topRows<3>();
     W += weight;
     W_of_places += weight.leftCols<3>() * weight.topRows<3>();
     weighted_sum += weight * x;
@@ -109,11 +110,12 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   const double freedom = 6.0 * (tags_count - 1.0);
   if (!(squares > freedom) || !(trace > 0.0)) return;
   const Matrix6d inverse = inverse_of_spd(H);
-  // An estimate from three values has three times the variance (Student's t).
-  constexpr double kOfThree = 3.0;
-  const Matrix6d off = kOfThree * (squares - freedom) / trace * inverse * H_of_places * inverse;
-  if (!off.allFinite()) return;
-  result.map_covariance = off;
+  // A variance estimated from three values is scaled by three (Student's t).
+  constexpr double kStudentFactor = 3.0;
+  const Matrix6d map_covariance =
+      kStudentFactor * (squares - freedom) / trace * inverse * H_of_places * inverse;
+  if (!map_covariance.allFinite()) return;
+  result.map_covariance = map_covariance;
   // 99 % quantile of chi-square (Wilson and Hilferty, The distribution of chi-square, 1931).
   constexpr double kNormal99 = 2.326;
   const double ninth = 2.0 / (9.0 * freedom);
@@ -124,8 +126,8 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
 int MapAgreement::find_outlier(double squares) const {
   const std::size_t count = equations_.size();
   // Removing one of four tags sometimes reduces pure noise to 1/9.
-  const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
-  constexpr std::size_t kMaxTries = 12;  // the tags with the largest disagreement
+  const double max_ratio = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
+  constexpr std::size_t kMaxTries = 12;  // tries only the tags with the largest disagreement
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
@@ -133,31 +135,32 @@ int MapAgreement::find_outlier(double squares) const {
   order.resize(std::min(count, kMaxTries));
   Matrix6d H_all = Matrix6d::Zero();
   Vector6d g_all = Vector6d::Zero();
-  for (const TagEquations& of : equations_) {
-    H_all += of.H;
-    g_all += of.g;
+  for (const TagEquations& equations : equations_) {
+    H_all += equations.H;
+    g_all += equations.g;
   }
-  double limit = small_part * per_freedom(squares, count);
+  double limit = max_ratio * per_freedom(squares, count);
   int outlier = -1;
   for (const std::size_t without : order) {
-    const TagEquations& gone = equations_[without];
-    const Vector6d motion = solve_spd(H_all - gone.H, g_all - gone.g);
+    const TagEquations& removed = equations_[without];
+    const Vector6d motion = solve_spd(H_all - removed.H, g_all - removed.g);
     if (!motion.allFinite()) continue;
-    double left = 0.0;
+    double remaining = 0.0;
     for (std::size_t k = 0; k < count; ++k) {
       if (k == without) continue;
-      const TagEquations& of = equations_[k];
-      const Eigen::Vector3d gradient = of.motions.transpose() * (of.g - of.H * motion);
-      left += gradient.dot(of.inverse * gradient);
+      const TagEquations& other = equations_[k];
+      const Eigen::Vector3d gradient = other.motions.transpose() * (other.g - other.H * motion);
+      remaining += gradient.dot(other.inverse * gradient);
     }
-    if (!(per_freedom(left, count - 1) < limit)) continue;
-    limit = per_freedom(left, count - 1);
-    outlier = gone.index;
+    if (!(per_freedom(remaining, count - 1) < limit)) continue;
+    limit = per_freedom(remaining, count - 1);
+    outlier = removed.index;
   }
   return outlier;
 }
 
-// Compares image shift and rotation preferred by each tag, not scale, which the response changes.
+// Compares the tags' preferred shifts and rotations in the image; the camera response changes
+// scale.
 void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solver,
                          AlignmentResult& result) {
   collect(problem, solver);
@@ -166,11 +169,11 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   if (count < kMinComparedTags) return;
   double squares = 0.0;
   double shifts_px2 = 0.0;
-  for (TagEquations& of : equations_) {
-    const Eigen::Vector3d gradient = of.motions.transpose() * of.g;
-    const Eigen::Vector3d shift = of.inverse * gradient;
-    of.squares = gradient.dot(shift);
-    squares += of.squares;
+  for (TagEquations& equations : equations_) {
+    const Eigen::Vector3d gradient = equations.motions.transpose() * equations.g;
+    const Eigen::Vector3d shift = equations.inverse * gradient;
+    equations.squares = gradient.dot(shift);
+    squares += equations.squares;
     shifts_px2 += shift.head<2>().squaredNorm();
   }
   result.displacement_px = std::sqrt(shifts_px2 / static_cast<double>(count));

@@ -14,10 +14,9 @@ struct TagEquations {
   int index = 0;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  // Perturbations that move the tag by 1 px along each image axis and 1 rad about its ray, and the
-  // inverse of the normal matrix of these three motions.
+  // Perturbations that move the tag by 1 px along each image axis and by 1 rad about its ray.
   Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
-  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();  // inverse of the normal matrix of `motions`
   double squares = 0.0;  // squared motion preferred by the tag, weighted by the normal matrix
 };
 
@@ -34,7 +33,8 @@ class MapAgreement {
   void collect(const AlignmentProblem& problem, const PoseSolver& solver);
   void estimate_map_error(const AlignmentProblem& problem, double variance,
                           AlignmentResult& result) const;
-  // Returns the tag without which the others agree, or -1. `squares`: sum of squares of all tags.
+  // Returns the index of the tag whose removal makes the others agree, or -1. `squares`: of all
+  // tags.
   [[nodiscard]] int find_outlier(double squares) const;
 
   std::vector<TagEquations> equations_;

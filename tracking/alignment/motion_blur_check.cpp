@@ -14,15 +14,14 @@ namespace {
 
 // Minimum explained variance fraction of a sharp image; with a blur of 1.5 cells it is 16 / 18.
 constexpr double kClear = 8.0 / 9.0;
-// Factors of the variance (docs/tracking.md#motion-blur): common shift and rotation,
-constexpr double kShared = 0.5;
-// and displacement in any direction, if a motion explains the other tags.
-constexpr double kOwnAway = 0.25;
-// Number of tags above which a common rotation is not reduced further.
+// Factors of the variance; see docs/tracking.md#motion-blur.
+constexpr double kShared = 0.5;    // factor of a shift's variance if rotations are unobservable too
+constexpr double kOwnAway = 0.25;  // factor of a rotation's slope variance if the motion is known
+// Number of tags above which more tags do not reduce the variance of a common rotation.
 constexpr double kMaxTagsForRotation = 12.0;
 
-// Returns the explained variance fraction of unoccluded cells: least trimmed squares of the best
-// fitting 3/5. Negative for too few cells.
+// Returns the fraction of the cells' variance that the model explains, by a least trimmed squares
+// fit to 3/5 of the cells, which excludes occluded cells. Negative for too few cells.
 double explained_by_best_cells(const float* models, const float* values, int count) {
   constexpr int kMinCells = 16;
   if (count < kMinCells) return -1.0;
@@ -36,8 +35,8 @@ double explained_by_best_cells(const float* models, const float* values, int cou
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::vector<double> squares(n);
   double gain = 0.0;
-  double spread = 0.0;  // of the model, over all cells
-  double rest = 0.0;    // residual variance of the selected 3/5
+  double spread = 0.0;       // of the model, over all cells
+  double unexplained = 0.0;  // residual variance of the selected 3/5
   for (int step = 0; step < kSteps; ++step) {
     const std::size_t used = step == 0 ? n : kept;
     double m = 0.0;
@@ -49,9 +48,9 @@ double explained_by_best_cells(const float* models, const float* values, int cou
     double mm = 0.0;
     double mv = 0.0;
     for (std::size_t k = 0; k < used; ++k) {
-      const double of_model = static_cast<double>(models[order[k]]) - m;
-      mm += of_model * of_model;
-      mv += of_model * (static_cast<double>(values[order[k]]) - v);
+      const double deviation = static_cast<double>(models[order[k]]) - m;
+      mm += deviation * deviation;
+      mv += deviation * (static_cast<double>(values[order[k]]) - v);
     }
     if (step == 0) spread = mm / static_cast<double>(n);
     if (!(mm > 0.0)) return 0.0;
@@ -63,12 +62,13 @@ double explained_by_best_cells(const float* models, const float* values, int cou
     }
     std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(kept), {},
                              [&squares](std::size_t i) { return squares[i]; });
-    rest = 0.0;
-    for (std::size_t k = 0; k < kept; ++k) rest += squares[order[k]] / static_cast<double>(kept);
+    unexplained = 0.0;
+    for (std::size_t k = 0; k < kept; ++k)
+      unexplained += squares[order[k]] / static_cast<double>(kept);
   }
   const double explained = gain * gain * spread;
   if (!(gain > 0.0) || !(explained > 0.0)) return 0.0;
-  return explained / (explained + rest / kOfNormal);
+  return explained / (explained + unexplained / kOfNormal);
 }
 
 Vector6d part_of(const std::optional<Vector6d>& motion, int share, int shares) {
@@ -141,12 +141,13 @@ void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int shar
     sampler_.give_back();
     sampler_.read_cells(*tag);
     sampler_.average_cells(*tag);
-    const double here = explained_by_best_cells(tag->samples.model, tag->samples.value, tag->used);
-    if (here >= 0.0) shares_.push_back(here);
+    const double explained =
+        explained_by_best_cells(tag->samples.model, tag->samples.value, tag->used);
+    if (explained >= 0.0) shares_.push_back(explained);
   }
-  const double here = shares_.empty() ? 0.0 : median();
-  if (here <= best_) return;
-  best_ = here;
+  const double median_explained = shares_.empty() ? 0.0 : median();
+  if (median_explained <= best_) return;
+  best_ = median_explained;
   share_ = share;
 }
 
@@ -162,14 +163,14 @@ void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool kno
     return;
   }
   for (int share = 2; share <= kShares; share += 2) explain_by(motion, share);
-  const int about = share_;
-  if (about > 0) explain_by(motion, about - 1);
-  if (about < kShares) explain_by(motion, about + 1);
+  const int best_even = share_;
+  if (best_even > 0) explain_by(motion, best_even - 1);
+  if (best_even < kShares) explain_by(motion, best_even + 1);
 }
 
 MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, bool known) const {
   double squares = 0.0;
-  // Prior of 1 m and 1 rad, for directions without information.
+  // Adds a prior of 1 m and 1 rad for directions without information.
   Matrix6d H = variance_ * Matrix6d::Identity();
   for (const TagEquations& of : equations_) H += of.H;
   const Matrix6d inverse = inverse_of_spd(H);
@@ -195,7 +196,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
     if (!turns || of == equations_.end()) continue;
     const double own2 =
         std::max(count / kMaxTagsForRotation, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
-    // Motions of the tag's centre by 1 px along each axis.
+    // Camera motions that move the tag's centre by 1 px along each image axis.
     const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
     Eigen::Matrix<double, 2, 3> J;
     std::ignore = problem_.camera.project_unchecked(tag.centre_point(), &J);
@@ -209,7 +210,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
       error.covariance += 0.5 * own2 * moved * moved.transpose();
     }
   }
-  // Without information: 1 m and 1 rad.
+  // Assumes errors of 1 m and 1 rad if the image gives no information.
   if (!error.covariance.allFinite()) error.covariance.setIdentity();
   if (motion && !along_.empty()) error.motion = static_cast<double>(share_) / kShares * *motion;
   error.shift_px = std::sqrt(squares / static_cast<double>(seen_.size()));

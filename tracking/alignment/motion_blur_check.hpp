@@ -12,11 +12,11 @@
 
 namespace penumbra {
 
-// Estimates how far each tag may be displaced without a visible difference: a blurred pattern looks
-// the same at many poses along tags blurred along the motion. See docs/tracking.md#motion-blur.
+// Estimates how far each tag may be displaced without a visible difference, because a pattern that
+// is blurred along a motion looks the same at many poses. See docs/tracking.md#motion-blur.
 class MotionBlurCheck {
  public:
-  // Arguments are results of an alignment; `variance` is that of the residuals.
+  // `tags`, `equations` and `variance` (of the residuals) are results of an alignment.
   MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler,
                   std::span<const TagAlignment> tags, std::span<const TagEquations> equations,
                   double variance);
@@ -48,10 +48,10 @@ class MotionBlurCheck {
   double variance_;
   std::vector<AlignedTag*> seen_;
   std::vector<double> shares_;  // explained variance fraction of each tag
-  std::vector<Blur> along_;     // the motion
+  std::vector<Blur> along_;     // tags blurred along the motion
   std::vector<Blur> others_;    // tags blurred in any direction
-  double best_ = 0.0;           // median explained fraction
-  int share_ = 0;               // fraction of the motion with that median [1 / kShares]
+  double best_ = 0.0;           // largest median of shares_ for any fraction of the motion
+  int share_ = 0;               // fraction of the motion that gives best_ [1 / kShares]
 };
 
 }  // namespace penumbra

@@ -35,7 +35,8 @@ double scattered(int k, double step) {
   return value - std::floor(value);
 }
 
-// Distribution function of the point spread along one axis: Gaussian of the lens and pixel box.
+// Distribution function of the point spread along one axis: a Gaussian convolved with a pixel's
+// box.
 double spread_cdf(double x, double sigma) {
   const auto integral = [sigma](double z) {  // of the normal distribution
     if (sigma < 1e-6) return std::max(z, 0.0);
@@ -209,7 +210,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<double> light(at(0, height), options.background * options.gain);
 
   const std::vector<Eigen::Vector2d> offsets = make_offsets(options.samples, options.lens_blur_px);
-  // Time of each sub-sample, independent of its offset.
+  // Index into `path` of each sub-sample, independent of its offset.
   std::vector<std::size_t> times(offsets.size());
   for (std::size_t s = 0; s < times.size(); ++s) {
     times[s] =
@@ -271,7 +272,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return value;
   };
 
-  // Returns the light of a pixel if all sub-samples certainly have the same, else nullopt.
+  // Returns the light of a pixel if all sub-samples certainly have the same light, else nullopt.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
     if (options.covered_fraction > 0.0) return std::nullopt;
     const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
@@ -343,7 +344,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<std::jthread> helpers;
   for (int k = 1; k < threads; ++k) helpers.emplace_back(render_rows, k);
   render_rows(0);
-  helpers.clear();  // waits for them
+  helpers.clear();  // joins the threads
 
   return light;
 }

@@ -28,16 +28,15 @@ struct GreyImage {
 struct PatternRenderOptions {
   double lens_blur_px = 0.5;  // sigma of the Gaussian point spread; the pixel's box is added
   double black = 0.06;        // linear light of the ink, 1 = sensor full
-  double white = 0.80;        // of the paper
-  double background = 0.35;   // around the tags
+  double white = 0.80;        // linear light of the paper
+  double background = 0.35;   // linear light around the tags
   double gain = 1.0;          // exposure factor of black, white and background
   double gamma = 1.0;         // camera response: grey = 255 * linear ^ (1 / gamma)
   double noise_grey = 0.0;    // sigma of white noise, added after the camera response [grey levels]
   std::uint64_t seed = 1;
-  int samples = 1024;  // sub-samples per pixel near an edge
-  // Occluded fraction of each tag's printed square, from its left side, and the cover's light.
-  double covered_fraction = 0.0;
-  double cover = 0.30;
+  int samples = 1024;             // sub-samples per pixel near an edge
+  double covered_fraction = 0.0;  // occluded fraction of each tag's printed square, from its left
+  double cover = 0.30;            // linear light of the occluding object
   // Rows [first_row, end_row) are rendered; other rows show the background.
   int first_row = 0;
   int end_row = std::numeric_limits<int>::max();
@@ -51,7 +50,7 @@ void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t se
 struct GroupPlacement {
   std::string group;
   Transform<frame::Table, frame::Table> T_table_group;
-  // Its places during the exposure, one for each of the camera's poses; empty: T_table_group.
+  // T_table_group at each pose of the camera's path during the exposure; empty: constant.
   std::vector<Transform<frame::Table, frame::Table>> path = {};
 };
 

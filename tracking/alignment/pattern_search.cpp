@@ -14,14 +14,14 @@
 namespace penumbra {
 namespace {
 
-constexpr int kSearchPoints = 256;  // of all tags
-constexpr int kNarrowReach = 15;    // [px]
+constexpr int kSearchPoints = 256;  // target number of cells of all tags together
+constexpr int kNarrowReach = 15;    // maximum displacement in the narrow window [px]
 constexpr int kCoarsest = 16;       // maximum reduction factor of the pyramid
 // Minimum contrast of a peak above noise: mean white cell minus mean black cell [grey].
 constexpr double kMinContrast = 12.0;
-// A peak with this fraction of the previous contrast ends a search. A wrong one has up to half.
+// A peak with this fraction of the previous contrast ends a search. A wrong peak has up to half.
 constexpr double kPreviousContrastFraction = 0.75;
-// Maximum errors from which the fine stage converges.
+// Maximum errors from which the fine stage converges without the wide stage.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
 // Error of a peak's centre caused by the spacing of rows, as a fraction of that spacing.
@@ -35,11 +35,11 @@ struct PeakCentre {
   bool open = false;  // the peak may extend beyond the map
 };
 
-// Returns the centroid of the scores, clamped between foot and shoulder: a peak is flat on top.
+// Returns the centroid of the scores, clamped to [foot, shoulder] because the peak has a flat top.
 template <class Score>
 PeakCentre peak_centre(const SearchWindow& window, std::span<const Score> scores, int row,
                        int column, double cell) {
-  // Levels in fifths of the peak; a displaced pattern stays below the foot.
+  // Foot and shoulder, in fifths of the peak. The scores of a displaced pattern are below the foot.
   constexpr int kParts = 5;
   constexpr int kFoot = 3;
   constexpr int kShoulder = 4;
@@ -208,7 +208,7 @@ double fit_error_px(const std::vector<DisplacedTag>& displaced, const AlignmentP
   const Matrix6d covariance = inverse_of_spd(H / scatter2 + problem.prior_information);
   double largest2 = 0.0;
   for (const AlignedTag* tag : problem.active) {
-    // The corner farthest from the centre of all tags.
+    // Finds the tag's corner that is farthest from the centre of all tags.
     const std::size_t first = tag->search_cells.size();
     double farthest2 = -1.0;
     std::size_t corner = 0;
@@ -261,12 +261,13 @@ bool PatternSearch::search(double previous_contrast) {
   const SearchWindow narrow = window_of(kNarrowReach);
   if (narrow.holds(0.5 * smallest_cell_max_px)) {  // the top of a peak is as wide as a cell
     // A nearby peak with the previous frame's contrast excludes peaks elsewhere.
-    const bool enough = narrow.holds(3.0 * sigma_px);
-    const bool likely = previous_contrast > 0.0;
+    const bool sufficient = narrow.holds(3.0 * sigma_px);
+    const bool contrast_known = previous_contrast > 0.0;
     const double required_contrast =
-        enough ? kMinContrast
-               : std::max(kPreviousContrastFraction * previous_contrast, kMinContrast);
-    if ((enough || likely) && search_within(narrow, false, required_contrast)) return true;
+        sufficient ? kMinContrast
+                   : std::max(kPreviousContrastFraction * previous_contrast, kMinContrast);
+    if ((sufficient || contrast_known) && search_within(narrow, false, required_contrast))
+      return true;
   }
   return search_within(window_of(kReach), false, kMinContrast);
 }
@@ -400,7 +401,7 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
   }
 }
 
-// Computes the score maps of all active tags and their sum; returns their number of cells.
+// Computes each active tag's score map and their sum; returns the number of cells in the sum.
 int PatternSearch::score_tags(const SearchWindow& window) {
   const int pairs = std::clamp(kSearchPoints / (2 * static_cast<int>(problem_.active.size())), 4,
                                kMaxSearchCells / 2);
@@ -435,7 +436,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   const double contrast = 2.0 * score_sum_[static_cast<std::size_t>(best)] / total;
   problem_.counters.contrast = contrast;
   if (!independent && contrast < min_contrast) return false;
-  // Rejects peaks that may extend beyond the window, unless no window is large enough for the cell.
+  // Rejects peaks that may extend beyond the window, except if a cell exceeds the largest window.
   const bool largest = window.reach >= kReach;
   const auto is_unreliable = [&](const PeakCentre& top, double cell_px) {
     if (largest) return top.open && window.holds(cell_px / scale);

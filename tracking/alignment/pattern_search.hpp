@@ -37,11 +37,11 @@ struct SearchWindow {
 
 // Position of a tag that a search found.
 struct DisplacedTag {
-  Eigen::Vector3d p;  // the tag's centre, in the map's frame
-  Eigen::Vector2d z;  // that in the image
+  Eigen::Vector3d p;  // the tag's centre in the map frame [m]
+  Eigen::Vector2d z;  // the pixel at which the search found the centre
   double sigma_px = 0.0;
   double cell_px = 0.0;
-  bool open = false;  // its peak may extend beyond the searched window
+  bool open = false;  // the peak may extend beyond the searched window
 };
 
 // Scores the data cells' pattern at displacements of the predicted tags (one map per tag) and fits
@@ -50,15 +50,16 @@ class PatternSearch {
  public:
   explicit PatternSearch(AlignmentProblem& problem) : problem_(problem) {}
 
-  // Searches within 3 sigma of the prediction; unless the peak is well inside, then searches the
-  // largest window. `previous_contrast`: see AlignmentInput. Returns false if nothing is found.
+  // Searches a narrow window if it contains 3 sigma of the prediction or `previous_contrast` (see
+  // AlignmentInput) is known; if that fails, the largest window. Returns false if nothing is found.
   [[nodiscard]] bool search(double previous_contrast);
   // Searches the largest window for each tag independently.
   [[nodiscard]] bool search_independently();
-  // Searches an image reduced so far that a cell is 1 px wide; `further`: half of that.
+  // Searches a reduced image in which a cell is 1 to 2 px wide; `further`: half of that.
   [[nodiscard]] bool search_pyramid(bool further);
 
-  // Error of the latest search at a tag's corner [px], by the tags' scatter; infinite if unknown.
+  // Returns the error (1 sigma) of the latest search at the worst tag corner [px], estimated from
+  // the scatter of the tags; infinite if unknown.
   [[nodiscard]] double error_px() const { return error_px_; }
   // Returns true if the latest search was so accurate that the fine stage needs no wide stage.
   [[nodiscard]] bool found_near() const;

@@ -13,7 +13,7 @@
 namespace penumbra {
 namespace {
 
-// The minimum is the variance of rounded grey levels.
+// The minimum is the square of the maximum rounding error of grey levels.
 double variance_of(double cost, double weight) {
   return std::max(cost / weight, 0.25);
 }
@@ -133,8 +133,8 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   last_step_ = xi;
   if (by == StepBy::slope) {
     // The final step may be long; the residuals that it removes are not noise.
-    const double taken = xi.dot(2.0 * equations.g - equations.H * xi);
-    variance_ = variance_of(equations.cost - taken, equations.weight);
+    const double removed_cost = xi.dot(2.0 * equations.g - equations.H * xi);
+    variance_ = variance_of(equations.cost - removed_cost, equations.weight);
     information_ = equations.H / variance_;
   }
   Step made;

@@ -40,21 +40,21 @@ class PoseSolver {
 
   // Discards the residuals of earlier poses.
   void begin();
-  // Steps all active tags; nullopt for too few samples. `cutoff`: see tukey_share(); 0: none.
+  // Moves the pose by a step; nullopt for too few samples. `cutoff`: see tukey_share(); 0: none.
   [[nodiscard]] std::optional<Step> step(double cutoff, StepBy by);
-  // Measures the noise after a step by the residuals' median, which is robust against occlusion.
+  // Sets noise_share() from the residuals' median, which is robust against occlusion.
   void measure_noise();
   void forget_noise() { noise_share_ = 0.0; }
 
-  // Noise of the residuals: sigma / gain from the median (0: unknown), and variance [grey^2].
+  // Returns the residuals' sigma as a fraction of the gain; 0: unknown.
   [[nodiscard]] double noise_share() const { return noise_share_; }
-  [[nodiscard]] double variance() const { return variance_; }
+  [[nodiscard]] double variance() const { return variance_; }  // of the residuals [grey^2]
   // Information of the left perturbation of T_camera_map, without the prior.
   [[nodiscard]] const Matrix6d& information() const { return information_; }
   [[nodiscard]] const Vector6d& last_step() const { return last_step_; }
-  // Factor of the equations' H in the latest step.
+  // Factor by which the latest step scaled the equations' H.
   [[nodiscard]] double slope() const { return slope_; }
-  // Cutoff of Tukey's weights for the noise [fraction of the gain], limited to `cutoff`.
+  // Returns the cutoff of Tukey's weights for the noise [fraction of the gain], at most `cutoff`.
   [[nodiscard]] double tukey_share(double cutoff) const;
   // Equations of the active tags, four per pack.
   [[nodiscard]] const std::vector<simd::TagPack>& packs() const { return packs_; }
@@ -71,7 +71,7 @@ class PoseSolver {
   void fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, std::size_t lane);
   [[nodiscard]] bool update_variance(const Equations& equations);
   [[nodiscard]] double measured_slope(double cutoff) const;
-  // Updates the active tags for the current pose; returns the maximum motion of a corner [px].
+  // Updates the active tags after a step; returns the maximum motion of a tag corner [px].
   [[nodiscard]] double follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion);
 
   AlignmentProblem& problem_;

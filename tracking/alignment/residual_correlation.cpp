@@ -11,8 +11,8 @@ namespace {
 using Two = double __attribute__((vector_size(16)));
 using Pair = float __attribute__((vector_size(8), may_alias));
 
-// Sums over the edges in one lattice direction. A camera response or a bright lamp widens all white
-// areas; squares_left() removes this common displacement towards black.
+// Sums over the edges in one lattice direction. The camera response and bright light widen all
+// white areas; squares_left() removes this common displacement of the edges.
 struct Direction {
   Two sums{};     // of s (an edge's leverage * residual) and q (leverage * slope)
   Two squares{};  // of s^2 and q^2
@@ -92,15 +92,15 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
     problem.loops->leverage(in, s);
     add_edges(*tag, s, solver.variance(), directions, expected);
   }
-  const int free = expected.edges - parameters;
-  if (free < 4 || !(expected.sum > 0.0)) return 1.0;
-  double found = 0.0;
-  for (const Direction& direction : directions) found += direction.squares_left();
+  const int freedom = expected.edges - parameters;
+  if (freedom < 4 || !(expected.sum > 0.0)) return 1.0;
+  double observed = 0.0;
+  for (const Direction& direction : directions) observed += direction.squares_left();
   // The residuals include the displacements that the latest step removed.
   const Vector6d& step = solver.last_step();
-  found -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
-           expected.squares / expected.sum;
-  return std::max(found, 0.0) / expected.sum * expected.edges / free;
+  observed -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
+              expected.squares / expected.sum;
+  return std::max(observed, 0.0) / expected.sum * expected.edges / freedom;
 }
 
 }  // namespace penumbra

@@ -17,8 +17,8 @@ namespace penumbra {
   return (samples + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
 }
 
-// All arrays are freed together, so that the next stage reuses memory that is in the cache. The
-// first part is written when allocated, so that no frame waits for a page fault.
+// Frees all arrays together, so that the next stage reuses memory in the cache. Writes the first
+// part on construction, so that no frame waits for a page fault.
 class SampleArena {
  public:
   explicit SampleArena(std::size_t first_floats) { parts_.emplace_back(first_floats); }
@@ -56,7 +56,7 @@ class SampleArena {
 #endif
     return at;
   }
-  // Allocates floats that are valid only until the next call.
+  // Allocates floats that are valid only until the next allocation.
   [[nodiscard]] float* lend(std::size_t count) {
     float* const at = floats(count);
     used_ -= count;

@@ -34,9 +34,9 @@ constexpr int kFastSamples = 1920;      // total, if each tag has 128 or more
 constexpr int kFastSamplesOfTag = 400;  // maximum per tag for three or more tags
 constexpr int kSparseSamples = 640;     // total
 constexpr double kWideCutoff = 0.8;     // of Tukey's weights, as a fraction of the gain
-constexpr double kFineCutoff = 0.6;     // the same
+constexpr double kFineCutoff = 0.6;     // as kWideCutoff, for the fine stage
 
-// Initial memory for samples: the smaller of two estimates.
+// Initial memory for samples: the smaller of the estimates by image size and by number of tags.
 constexpr std::size_t kPixelsPerSample = 12;
 constexpr std::size_t kSamplesPerTag = 4096;
 constexpr std::size_t kFloatsPerSample = 17;  // for one line per axis
@@ -50,19 +50,19 @@ constexpr int filled_blocks(int blocks) {
 struct FinePlan {
   bool every_pixel = false;
   int cap = 0;
-  int first = 0;              // initial number; lower than the cap if sampling may stop early
-  int sparse_cap = 0;         // cap of a round far from the pose
-  bool sparse_rounds = true;  // rounds that will be repeated may use fewer samples and stop early
-  bool begins_sparse = false;
-  double near_px = 0.0;  // a shorter step may be the final one
+  int first = 0;               // initial number; lower than the cap if sampling may stop early
+  int sparse_cap = 0;          // maximum number in a round far from the pose
+  bool sparse_rounds = true;   // rounds that will be repeated may use fewer samples and stop early
+  bool begins_sparse = false;  // the first round uses sparse_cap
+  double near_px = 0.0;        // a round may end after a step shorter than this
 };
 
 }  // namespace
 
 double variance_inflation(const AlignmentResult& result) {
-  // Effect of Tukey's weights, 1.053 / (0.758 / 0.915^2); see docs/tracking.md#design-effect.
-  constexpr double kTukeyTimes = 1.16;
-  return kTukeyTimes * std::max(result.design_effect, 1.0);
+  // Inflation by Tukey's weights, 1.053 / (0.758 / 0.915^2); see docs/tracking.md#design-effect.
+  constexpr double kTukeyFactor = 1.16;
+  return kTukeyFactor * std::max(result.design_effect, 1.0);
 }
 
 struct TagAligner::Impl {
@@ -181,7 +181,7 @@ FinePlan TagAligner::Impl::plan_fine_stage(bool near) const {
   const int block_of_each = simd::kBlock * tags;
   plan.sparse_cap = filled_blocks(
       std::clamp(kSparseSamples / block_of_each, block_of_each >= kSparseSamples ? 1 : 2, 4));
-  // Few samples suffice far from the pose; select many only near it.
+  // Far from the pose, few samples suffice.
   plan.sparse_rounds = !sample_need;
   plan.begins_sparse = plan.sparse_rounds && (input.starts_far || (near && plan.every_pixel));
   plan.near_px = !plan.every_pixel && tags > 2 ? kConvergesFrom_px : kNearlyConverged_px;
@@ -233,18 +233,18 @@ std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round
   double round_moved = 0.0;
   bool far = false;
   for (int i = 0; i < kFineSteps; ++i) {
-    // The first step from a nearby start uses all samples, without cutoff.
+    // The first step from a nearby start uses no cutoff.
     const auto step = solver.step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by);
     if (!step) return std::nullopt;
     const double before = solver.noise_share();
     solver.measure_noise();
     round_moved += step->moved_px;
     far = round_moved >= kCornerMoved_px;
-    // The pose may still move while outliers lose weight, unless the step is below the noise.
+    // At rest, the noise no longer falls (outliers lose no more weight), or the step is below it.
     const bool at_rest =
         solver.noise_share() > settled * before || step->sigmas < kConverged_sigmas;
     const double nearly_sigmas = by_slope ? kSlopeConverged_sigmas : kNearlyConverged_sigmas;
-    // From a nearby start, one step is sufficient.
+    // A later round starts near the pose, so one step may be sufficient.
     if (plan.sparse_rounds && round > 0 && step->moved_px < plan.near_px &&
         solver.noise_share() > 0.9 * before && (!within_noise || step->sigmas < nearly_sigmas))
       break;
@@ -262,7 +262,7 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
   report_pose();
   const double times = sample_need(result);
   if (times <= 1.0) return now;
-  // 10 % more, so that one round is sufficient.
+  // Requests 10 % more, so that one round is sufficient.
   const double wanted = 1.1 * times * static_cast<double>(now);
   const int more = wanted < static_cast<double>(plan.cap)
                        ? std::max(static_cast<int>(wanted), 2 * now)

@@ -58,11 +58,11 @@ struct AlignmentInput {
   // AlignmentCounters::far_start of the previous frame: if true, begins with few samples.
   bool starts_far = false;
   std::span<const int> rejected;  // tags to ignore, as indices into the list of create()
-  // AlignmentCounters::contrast of the previous frame, at which a search ends; 0: unknown.
+  // AlignmentCounters::contrast of the previous frame; a similar peak ends a search. 0: unknown.
   double previous_contrast = 0.0;
 };
 
-// Minimum AlignmentResult::disagreement of tags that are inconsistent with the map.
+// Tags are inconsistent with the map if AlignmentResult::disagreement is at least this.
 inline constexpr double kDisagree = 9.0;
 
 struct TagAlignment {
@@ -72,16 +72,16 @@ struct TagAlignment {
   double weight_share = 0.0;  // fraction of the samples' weight that Tukey's weights leave
   // Fraction of the variance of its cells that the model explains; negative for too few cells.
   double explained = -1.0;
-  bool inconsistent = false;  // its cells are read correctly, but its edges are displaced
+  bool inconsistent = false;  // the cells are read correctly, but the edges are displaced
   double cell_px = 0.0;       // smaller width of a cell
 };
 
 struct AlignmentCounters {
-  int tags_visible = 0;           // according to the pose; they may be occluded or missing
+  int tags_visible = 0;           // visible at the pose; they may be occluded or missing
   int tags_in_image = 0;          // visible tags with enough cells inside the image
-  int tags_out_of_view = 0;       // or facing away; not used
-  int tags_too_small = 0;         // not used
-  bool sampling_stopped = false;  // before all pixels were used
+  int tags_out_of_view = 0;       // tags not used: outside the image or facing away
+  int tags_too_small = 0;         // tags not used: cells below min_cell_px
+  bool sampling_stopped = false;  // the sample need was met before all pixels were used
   int searched_px = 0;            // number of displacements in all search windows
   double contrast = 0.0;          // white minus black cells at the position found [grey]
   bool wide_stage = true;         // the wide stage ran
@@ -94,17 +94,15 @@ struct AlignmentResult {
   MapFromCamera T_map_camera;
   Matrix6d covariance = Matrix6d::Zero();  // as in MapPoseEstimate, the prior included
   double residual_rms = 0.0;               // weighted, as a share of the gain
-  // Variance of an edge's mean residual over that of independent residuals, as in `covariance`.
+  // Variance of an edge's mean residual, divided by its variance for independent residuals.
   double design_effect = 1.0;
-  // RMS displacement of whole tags from the map [px], and its variance divided by that expected
-  // from independent residuals. 0 and 1 for fewer than three tags.
-  double displacement_px = 0.0;
+  double displacement_px = 0.0;  // RMS displacement of whole tags from the map [px]; 0: unknown
+  // Variance of that displacement, divided by its variance for independent residuals.
   double disagreement = 1.0;
-  // Pose covariance caused by errors of the map, if they exceed noise (two to four tags); usually
-  // zero. map_inconsistent: at a significance of 1 %.
+  // Pose covariance caused by errors of the map (two to four tags); zero if they are below noise.
   Matrix6d map_covariance = Matrix6d::Zero();
-  bool map_inconsistent = false;
-  int inconsistent_tag = -1;       // tag without which the others agree; -1: none
+  bool map_inconsistent = false;  // the map's errors are significant at 1 %
+  int inconsistent_tag = -1;      // index of the tag whose removal makes the others agree; -1: none
   std::vector<TagAlignment> tags;  // the visible tags
   int tags_verified = 0;
   AlignmentCounters counters;
@@ -122,7 +120,7 @@ struct EdgePixel {
   float model_blur = 0.0F;  // d model / d log(blur)
 };
 
-// Returns the factor of samples that an alignment still needs by its result; <= 1: enough.
+// Returns the factor by which an alignment must increase its samples; <= 1: they are enough.
 using SampleNeed = std::function<double(const AlignmentResult&)>;
 
 // Pose error that motion blur makes unobservable, 1 sigma.
@@ -160,7 +158,7 @@ class TagAligner {
   // Verifies and refines a pose from another source (a detection) without a search.
   [[nodiscard]] AlignmentResult refine(const AlignmentInput& input);
 
-  // Searches a reduced image, which has a larger range; `further`: an even smaller one. Returns a
+  // Searches a reduced image, which has a larger range; `further`: a smaller image. Returns a
   // start for an alignment, which may be off by some pixels or wrong; nullopt if no tag is found.
   [[nodiscard]] std::optional<MapFromCamera> search_pyramid(const AlignmentInput& input,
                                                             bool further);

@@ -20,14 +20,14 @@ class Explained {
     value2_ += value * value;
     both_ += model * value;
   }
-  // Returns 0 if the model is no better than its negative; negative for too few cells.
+  // Returns 0 if the correlation is not positive; negative for too few cells.
   [[nodiscard]] double share() const {
     constexpr double kMinCells = 16.0;
     if (count_ < kMinCells) return -1.0;
-    const double both = count_ * both_ - model_ * value_;
-    const double alone =
+    const double cross = count_ * both_ - model_ * value_;
+    const double variances =
         (count_ * model2_ - model_ * model_) * (count_ * value2_ - value_ * value_);
-    return both > 0.0 && alone > 0.0 ? std::min(both * both / alone, 1.0) : 0.0;
+    return cross > 0.0 && variances > 0.0 ? std::min(cross * cross / variances, 1.0) : 0.0;
   }
 
  private:
@@ -36,16 +36,16 @@ class Explained {
 };
 
 struct Cells {
-  int decidable = 0;  // inside the image, and clearly black or white in the model
-  int read = 0;       // of these: neither occluded nor too blurred
-  int wrong = 0;      // of those read
-  double explained = -1.0;
+  int decidable = 0;        // inside the image, and clearly black or white in the model
+  int read = 0;             // decidable cells that are neither occluded nor too blurred
+  int wrong = 0;            // read cells with the wrong colour
+  double explained = -1.0;  // as TagAlignment::explained
 };
 
-// Returns true if the model is within 1/20 of each cell's own colour at the pixel nearest to its
-// centre (up to sqrt(1/2) px off), by the minimum scale at the tag's corners. Each of the two
-// nearest lines changes the colour by less than 1/40 beyond 1.96 sigmas; kSigmas includes a margin
-// for distortion.
+// Returns true if the model is within 1/20 of each cell's printed colour at the pixel nearest to
+// the cell's centre, up to sqrt(1/2) px away. Uses the smallest cell at the tag's corners.
+// Beyond 1.96 sigmas, each of the two nearest lines changes the model by less than 1/40; kSigmas
+// adds a margin for distortion.
 bool reads_clearly(const AlignedTag& tag, double blur_px) {
   constexpr double kSigmas = 2.2;
   if (tag.reach != 1 || !tag.fully_projected) return false;
@@ -57,7 +57,7 @@ bool reads_clearly(const AlignedTag& tag, double blur_px) {
   return 0.5 * static_cast<double>(min_k) >= kSigmas + std::sqrt(0.5) / blur_px;
 }
 
-// Compares the cells with their own colours.
+// Compares the cells with their printed colours.
 Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
   const double middle = tag.offset + 0.5 * tag.gain;
   const double covered = 0.25 * tag.gain;

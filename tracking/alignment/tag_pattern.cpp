@@ -55,7 +55,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
     set_white(ring_start, k);
     set_white(ring_end, k);
   }
-  // Bit coordinates count from the border's corner, rows from the top; negative ones are outside.
+  // Bit coordinates start at the border's top left corner; negative coordinates are outside.
   const int border_start = (width - pattern.width_at_border_) / 2;
   const std::uint64_t code = handle->codes[static_cast<std::size_t>(id)];
   for (std::uint32_t k = 0; k < handle->nbits; ++k) {

@@ -124,10 +124,10 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
   for (std::size_t begin = 0; begin < pixels.size();) {
     std::size_t end = begin;
     while (end < pixels.size() && pixels[end].tag == pixels[begin].tag) ++end;
-    const std::span<const EdgePixel> own(pixels.data() + begin, end - begin);
+    const std::span<const EdgePixel> of_tag(pixels.data() + begin, end - begin);
     begin = end;
-    if (own.size() < kMinPixels) continue;
-    if (const auto levels = start_levels(own)) tags.push_back({own, *levels});
+    if (of_tag.size() < kMinPixels) continue;
+    if (const auto levels = start_levels(of_tag)) tags.push_back({of_tag, *levels});
   }
   if (tags.empty()) return std::nullopt;
 
@@ -157,7 +157,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
       const Curve curve(fit.exponent, tags[k].levels);
       for (const EdgePixel& pixel : tags[k].pixels) {
         const Prediction p = curve.at(pixel);
-        // Includes the current blur to first order.
+        // The predicted value includes the current blur to first order.
         const double r =
             static_cast<double>(pixel.grey) / 255.0 - p.value - p.by_common[1] * fit.log_blur;
         residuals.push_back(std::abs(r));
@@ -266,7 +266,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
     exponents.push_back(image.exponent);
     blurs.push_back(image.blur_px);
   }
-  // Weighted mean about the median; robust against images with reflections on tags.
+  // Computes a weighted mean about the median, which is robust against reflections on tags.
   ToneEstimate result;
   result.pictures = static_cast<int>(found_.size());
   result.blur_px = median(blurs);

@@ -23,12 +23,12 @@
 
 namespace penumbra {
 
-// Maximum error (1 sigma) of a useful exponent; a less accurate one is no better than none.
+// Maximum sigma of an exponent that improves on an unknown exponent.
 inline constexpr double kMaxToneSigma = 0.25;
 
 struct ToneEstimate {
   double exponent = 1.0;  // linear light = (grey / 255) ^ exponent
-  double sigma = 0.0;     // 1 sigma, from the scatter of the images and the model error
+  double sigma = 0.0;     // sigma of `exponent`, from the images' scatter and the model error
   double blur_px = 0.0;   // median sigma of the point spread, including the pixel's box
   int pictures = 0;
 };

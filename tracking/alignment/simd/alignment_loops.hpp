@@ -33,9 +33,8 @@ struct Blur {
   float motion_x_px = 0.0F, motion_y_px = 0.0F;
 };
 
-// Lattice points and their projection. depth <= 0: behind the camera or beyond the lens model. ka,
-// kb: 1 / sigma of the blur along a and b [1/cells]; rho: their correlation. Null if not needed:
-// rho, or rays, ka, kb and rho.
+// Lattice points and their projection. If the outputs are not needed, rho is null, or the rays, ka,
+// kb and rho are null.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;
@@ -44,10 +43,10 @@ struct Vertices {
   float* ray_y = nullptr;
   float* pixel_x = nullptr;
   float* pixel_y = nullptr;
-  float* depth = nullptr;
-  float* ka = nullptr;
-  float* kb = nullptr;
-  float* rho = nullptr;
+  float* depth = nullptr;  // <= 0: behind the camera or beyond the lens model
+  float* ka = nullptr;     // 1 / sigma of the blur along a [1/cells]
+  float* kb = nullptr;     // 1 / sigma of the blur along b [1/cells]
+  float* rho = nullptr;    // correlation of the blur along a and b
 };
 
 // Samples of one tag. Each has an anchor: the lattice vertex (va, vb) nearest to the pixel, or,
@@ -84,25 +83,24 @@ struct TagPack {
   double per_cell[4] = {};             // [1/m]
   double ray_from_lattice[9][4] = {};  // of the tag's pose before the step
   double side_cells[4] = {};
-  // Output of marginalise: validity, inverse of the equations of gain and offset, and marginalised
-  // equations of the camera's motion: blocks nu nu, nu omega and omega omega of H as 6, 9 and 6
-  // numbers, and the gradient.
+  // Output of marginalise.
   bool valid[4] = {};
-  double inverse[3][4] = {};
+  double inverse[3][4] = {};  // inverse of the equations of gain and offset; upper triangle
+  // Marginalised H of the camera's motion: blocks nu nu (6 numbers), nu omega (9), omega omega (6).
   double H_camera[21][4] = {};
-  double g_camera[6][4] = {};
-  // Output of follow: changes of gain and offset, and maximum squared motion of a corner [px^2].
-  double levels[2][4] = {};
-  double moved_px2[4] = {};
+  double g_camera[6][4] = {};  // marginalised gradient
+  // Output of follow.
+  double levels[2][4] = {};  // changes of gain and offset
+  double moved_px2[4] = {};  // maximum squared motion of a corner [px^2]
 };
 
-// A left perturbation of T_camera_map and its motion. `slope`: factor of H in its equations.
+// A step of the pose as a left perturbation of T_camera_map.
 struct CameraStep {
-  double xi[6] = {};
-  double R[9] = {};
-  double t[3] = {};
+  double xi[6] = {};  // [nu; omega] [m, rad]
+  double R[9] = {};   // rotation of exp(xi), by rows
+  double t[3] = {};   // translation of exp(xi)
   double fx = 0.0, fy = 0.0;
-  double slope = 1.0;
+  double slope = 1.0;  // see PoseSolver::slope()
 };
 
 // Normal equations of one tag in (nu, omega) of the right perturbation of T_camera_lattice [cells,
@@ -118,7 +116,7 @@ struct Sums {
 // Common input and output of Walk and RunWalk.
 struct WalkPlan {
   int width = 0, height = 0;       // image size [px]
-  std::ptrdiff_t stride = 0;       // between image rows [bytes]
+  std::ptrdiff_t stride = 0;       // distance between image rows [bytes]
   int max_rows = 0;                // maximum pixels per step
   int band_count = 0;              // number of `offsets`; 0: all pixels within reach
   const float* offsets = nullptr;  // 20 offsets: 0, 1, 2 ..., or those of the band
@@ -178,9 +176,9 @@ struct RunWalk : WalkPlan {
   int walked = 0;          // output: number of runs with a step
 };
 
-inline constexpr std::int32_t kNowhere = INT32_MIN;
+inline constexpr std::int32_t kNowhere = INT32_MIN;  // offset of a cell outside the image
 
-struct CellCorners {  // of Vertices
+struct CellCorners {  // projected vertices; see Vertices
   const float* pixel_x = nullptr;
   const float* pixel_y = nullptr;
   const float* depth = nullptr;
@@ -188,23 +186,23 @@ struct CellCorners {  // of Vertices
 
 struct ImagePlan {
   int width = 0, height = 0;
-  std::ptrdiff_t stride = 0;  // between rows [bytes]
+  std::ptrdiff_t stride = 0;  // distance between rows [bytes]
 };
 
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
   float centre[3] = {};  // camera in the lattice frame [cells]
   float gain = 0.0F, offset = 0.0F;
-  float inverse_cutoff = 0.0F;  // of Tukey's weights [1 / grey]; 0: least squares
+  float inverse_cutoff = 0.0F;  // 1 / cutoff of Tukey's weights [1 / grey]; 0: least squares
   int reach = 1;                // lines per axis: 1, 2 or 3
   bool correlated = false;      // whether rho is used
 };
 
-// Effect of a displacement of the edges on the residuals of the latest accumulate.
+// Input of Loops::leverage: how a displacement of the edges changes the latest residuals.
 struct LeverageInput {
   float inverse_gain = 0.0F;
   float offset = 0.0F;
-  float inverse_limit = 0.0F;  // of Tukey's weights [1 / fraction of the gain]
+  float inverse_limit = 0.0F;  // 1 / cutoff of Tukey's weights [1 / fraction of the gain]
 };
 
 struct Loops {
@@ -218,7 +216,8 @@ struct Loops {
   void (*measure_runs)(const RunWalk& walk, double& along_px, double& across_px);
   // Like `walk`, from the first sample.
   int (*walk_runs)(const Lens& lens, RunWalk& walk, const Samples& samples);
-  // Reads the first `used` samples by `vertex` and a table of 256 levels, and pads to `count`.
+  // Looks up the pixels at the first `used` samples' memory offsets (in `vertex`) in a table of 256
+  // levels; pads to `count`.
   void (*read)(const std::uint8_t* pixels, const float* levels, int used, const Samples& samples);
   // Refines rays that are off by a few pixels; sets anchors on a lattice of side x side vertices.
   void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
@@ -229,9 +228,8 @@ struct Loops {
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // Recomputes the anchors from the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
-  // Marginalises gains and offsets.
   void (*marginalise)(TagPack* packs, int count);
-  // Applies a step to the tags.
+  // Computes the changes of the tags by a step.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);
   // Writes moments[0].model: the mean over `count` moments with poses `inputs`. The moments have
   // the same samples, but their own anchors and blur.

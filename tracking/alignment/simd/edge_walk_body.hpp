@@ -6,7 +6,7 @@ PENUMBRA_INLINE float round_down(float x) {
   return ((x - 0.5F) + 12582912.0F) - 12582912.0F;
 }
 
-constexpr int kSteps = 16;  // steps per block
+constexpr int kSteps = 16;  // steps per block; place: memory offset of a step's first pixel
 struct StepBlock {
   alignas(64) float a[kSteps], b[kSteps], walk[kSteps], cross[kSteps], ray_x[kSteps], ray_y[kSteps];
   alignas(64) std::int32_t cell[kSteps], rows[kSteps], place[kSteps];
@@ -39,7 +39,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
     float j01 = 0.0F;
     float j11 = 0.0F;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    // The pixel and the edge's direction at it, with the rolling shutter.
+    // Computes the pixel and the edge's direction there, with the rolling shutter.
     const float dx = (to_x - x * to_z) * inverse;
     const float dy = (to_y - y * to_z) * inverse;
     float u = lens.fx * xd + lens.cx;
@@ -265,7 +265,7 @@ void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
   }
 }
 
-// Steps of runs with the same walk axis, with the data of their runs.
+// Steps along runs with the same walk axis, each with the data of its run.
 struct RunSteps {
   static constexpr int kRoom = kSteps + 4;  // steps are written in groups of four
   alignas(64) double at[kRoom], along[kRoom], across[kRoom], direction[kRoom], slope[kRoom];
@@ -292,7 +292,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   for (int i = 0; i < kSteps; ++i) {
     const std::int32_t walk =
         floor_of_double(steps.along[i] + steps.direction[i] * steps.at[i] + 0.5);
-    // Distance along the run of this pixel's centre.
+    // Distance of this pixel's centre from the begin of the run, along the walk.
     const double exact = steps.direction[i] * (static_cast<double>(walk) - steps.along[i]);
     const double centre = steps.across[i] + steps.slope[i] * exact;
     std::int32_t first = 0;

@@ -54,7 +54,7 @@ void marginalise(TagPack* packs, int count) {
     const Pack& l01 = H[upper(6, 7)];
     const Pack& l11 = H[upper(7, 7)];
     const Pack det = l00 * l11 - l01 * l01;
-    // Valid: finite, enough samples, two distinct levels.
+    // Valid tags have finite sums, enough samples and samples of two distinct levels.
     const PackMask valid = (sum - sum == 0.0) & (weight > 8.0) & (det > 1e-6 * (l00 * l11));
     const Pack zero = {0.0, 0.0, 0.0, 0.0};
     const Pack one = {1.0, 1.0, 1.0, 1.0};
@@ -98,8 +98,9 @@ void marginalise(TagPack* packs, int count) {
                                                       share1[low + 3] * H[upper(high + 3, 7)]);
       }
     }
-    // Transforms to the camera frame: the lattice's motion is [R / cell, K R; 0, R] times the
-    // camera's, with K = skew(centre). First Q + P K, then S + Q^T K - K (Q + P K).
+    // Transforms H = [P, Q; Q^T, S] to the camera frame: [R / cell, K R; 0, R] with K =
+    // skew(centre) maps the camera's motion to the lattice's. Adds P K to Q, then Q^T K - K (Q + P
+    // K) to S.
     Pack centre[3];
     load(pack.centre, centre);
     const Pack& x = centre[0];
@@ -179,7 +180,7 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
     load(pack.inverse, inverse);
     store(pack.levels[0], inverse[0] * left[0] + inverse[1] * left[1]);
     store(pack.levels[1], inverse[1] * left[0] + inverse[2] * left[1]);
-    // The tag's corners.
+    // Finds the maximum motion of the tag's corners.
     Pack M[9];
     load(pack.ray_from_lattice, M);
     Pack side;

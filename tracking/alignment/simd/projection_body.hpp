@@ -47,8 +47,8 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
     j11 = radial + 2.0F * y * y * d_radial + 6.0F * k[2] * y + 2.0F * k[3] * x;
   } else {
     static_assert(kind == Lens::Kind::fisheye, "a lens without a formula");
-    const Value least2 = Value{} + 1e-8F;
-    const Value r2_safe = r2 > least2 ? r2 : least2;
+    const Value min_r2 = Value{} + 1e-8F;
+    const Value r2_safe = r2 > min_r2 ? r2 : min_r2;
     const Value r = square_root(r2_safe);
     const Value t = arc_tangent(r);
     const Value t2 = t * t;
@@ -188,10 +188,10 @@ void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::in
                       (depth[k + side + 1] > 0.0F) & (cx >= -0.5F) & (cy >= -0.5F) & (cx < right) &
                       (cy < top);
     // Rounds half up by truncation; adding 0.5 would not be exact.
-    const float least_x = cx > -0.5F ? cx : -0.5F;
-    const float least_y = cy > -0.5F ? cy : -0.5F;
-    const float safe_x = least_x < right ? least_x : right;
-    const float safe_y = least_y < top ? least_y : top;
+    const float bounded_x = cx > -0.5F ? cx : -0.5F;
+    const float bounded_y = cy > -0.5F ? cy : -0.5F;
+    const float safe_x = bounded_x < right ? bounded_x : right;
+    const float safe_y = bounded_y < top ? bounded_y : top;
     const auto cut_x = static_cast<float>(static_cast<std::int32_t>(safe_x));
     const auto cut_y = static_cast<float>(static_cast<std::int32_t>(safe_y));
     const float up_x = safe_x - cut_x >= 0.5F ? 1.0F : 0.0F;

@@ -5,9 +5,9 @@
 //
 // One line per axis: with F the normal distributions of the distances to the vertex's two lines,
 //   m = c0 + c1 Fa + c2 Fb + c3 F(a and b).
-// Two or three lines per axis (0, 1 or -1, 0, 1 from the anchor): c[4 * j + i] is the change of
-// colour at the vertex of lines i and j, c[4 * j + 3] at row j's line, c[12 + i] at column i's,
-// c[15] the colour below and left of all.
+// Two or three lines per axis (0, 1 or -1, 0, 1 from the anchor): c[15] is the colour below and
+// left of all lines, c[12 + i] its change at column line i, c[4 * j + 3] its change at row line j,
+// and c[4 * j + i] the second difference of the colours at the vertex of both lines.
 template <int reach, bool correlated>
 PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int i, Wide& m_a,
                              Wide& m_b) {
@@ -87,9 +87,9 @@ PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int
 
 // Terms of a block of samples.
 struct BlockTerms {
-  alignas(64) float J[7][kBlock];  // without that of the offset, which is 1
+  alignas(64) float J[7][kBlock];  // without the column of the offset, which is 1
   alignas(64) float weight[kBlock];
-  alignas(64) float weighted[kBlock];  // residual
+  alignas(64) float weighted[kBlock];  // weight * residual
 };
 
 // Sums per lane: 36 of H (the final one is the weight), 8 of g, cost, base weight.
@@ -229,7 +229,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
           pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b);
       weigh(input, s, i, m, block, l);
       // The pattern moves with the tag. On a fixed ray, a changes by
-      // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
+      // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b correspondingly.
       const Wide qa = (a - input.centre[0]) * inverse_cz;
       const Wide qb = (b - input.centre[1]) * inverse_cz;
       const Wide ja = -gain * m_a;

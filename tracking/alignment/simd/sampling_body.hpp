@@ -105,7 +105,7 @@ void anchor(const float* M_in, int reach, int side, const Samples& samples) {
   }
 }
 
-// Gathers blur (ka, kb) and coefficients of each anchor; transposes these into four arrays.
+// Gathers ka, kb and the coefficients of each anchor; transposes the coefficients into four arrays.
 void attach(const float* ka, const float* kb, const float* coefficients, const Samples& s) {
 #if defined(__AVX2__)
   constexpr int kPart = 8;
