@@ -28,7 +28,7 @@ struct PastTags {
 // Searches one frame at a time. Call all functions from one thread.
 class BackgroundSearch {
  public:
-  // `own_thread`: search in a separate thread; otherwise take() searches. The result is the same.
+  // `own_thread`: true searches in a separate thread, false in take(). The result is the same.
   [[nodiscard]] static Result<std::unique_ptr<BackgroundSearch>> create(
       std::span<const TagFamily> families, std::optional<double> tone_exponent, bool own_thread);
   BackgroundSearch(const BackgroundSearch&) = delete;
@@ -51,7 +51,7 @@ class BackgroundSearch {
   void serve();
 
   bool begun_ = false;  // used only by the caller's thread
-  // Owned by the thread in the state `asked`, otherwise by the caller.
+  // The thread owns these members in the state `requested`, otherwise the caller owns them.
   TagSearch search_;
   std::vector<std::uint8_t> pixels_;
   ImageView luma_;  // view of pixels_

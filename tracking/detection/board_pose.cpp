@@ -12,7 +12,7 @@ namespace {
 using Tags = std::vector<TagObservation>;
 
 // A tag is inconsistent with the others if its RMS exceeds kOutlier_px and also either
-// kOutlierMedianRatio times the median tag's RMS or kOutlierAlways_px, which blur does not reach.
+// kOutlierMedianRatio times the median tag's RMS or kOutlierAlways_px, which blur does not cause.
 constexpr double kOutlier_px = 1.5;
 constexpr double kOutlierMedianRatio = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
@@ -26,7 +26,7 @@ std::vector<PointObservation> points_of(const Tags& tags) {
   return points;
 }
 
-// Returns true if the projected corners of two minima differ by less than noise.
+// Returns true if two minima are practically the same pose.
 bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose& b,
              const std::vector<PointObservation>& points) {
   const auto T_a = a.T_map_camera.inverse();
@@ -93,15 +93,15 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags,
 }
 
 // Returns true if several tags are inconsistent with the map. Noise moves each corner
-// independently; a displaced tag moves its four corners together, and the pose absorbs only 6
-// degrees of freedom of that. Compares, per degree of freedom, the displacement of whole tags with
-// the scatter of their corners.
+// independently; a displaced tag moves its four corners together. Compares, per degree of freedom,
+// the displacement of whole tags, of which the pose absorbs 6 degrees of freedom, with the scatter
+// of their corners.
 bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
                               const MapFromCamera& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
   constexpr double kMinDisplacement_px = 0.5;
   // 99.9 % quantiles of the F distribution with 2 n - 6 and 6 n degrees of freedom, for 4, 5 and 6
-  // tags. That for 6 is an upper bound for more tags.
+  // tags. The value for 6 tags is an upper bound for more tags.
   constexpr std::array<double, 3> kMaxRatio = {9.4, 6.2, 5.0};
   constexpr std::size_t kMinTags = 4;
   if (tags.size() < kMinTags) return false;
@@ -124,7 +124,7 @@ bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
   return between_variance > max_ratio * within_variance;
 }
 
-// The tag without which the others fit best, and the minima without it.
+// The tag whose removal makes the others fit best, and the minima of the others.
 struct WithoutOne {
   std::size_t index = 0;
   std::vector<RefinedPose> minima;
@@ -132,7 +132,7 @@ struct WithoutOne {
 
 WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
                          const std::vector<double>& rms) {
-  // Sufficient to compare fits; the selected minima are refined later.
+  // Few iterations are sufficient to compare fits; the selected minima are refined later.
   RefinerOptions options;
   options.max_iterations = 8;
   constexpr std::size_t kMaxTries = 12;  // with more tags, tries only the worst
@@ -162,18 +162,18 @@ struct Agreement {
   bool agreed = false;
 };
 
-// Repeatedly rejects the tag without which the others fit best, while a majority remains. A wrong
-// tag affects the error of all others, so its own error may not be the largest.
+// Repeatedly rejects the tag whose removal makes the others fit best, while a majority remains. A
+// wrong tag increases the errors of all tags, so its error may not be the largest.
 Agreement reject_outliers(const CameraModel& camera, Tags used) {
   Agreement result;
   result.minima = minima_of(camera, used);
-  Tags rest = used;
-  std::vector<RefinedPose> rest_minima = result.minima;
+  Tags kept = used;
+  std::vector<RefinedPose> kept_minima = result.minima;
   std::vector<int> rejected;
   bool agreed = false;
   while (true) {
-    std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
-    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_map_camera);
+    std::vector<double> rms(kept.size(), std::numeric_limits<double>::infinity());
+    if (!kept_minima.empty()) rms = tag_rms(camera, kept, kept_minima.front().T_map_camera);
     std::vector<double> sorted = rms;
     std::sort(sorted.begin(), sorted.end());
     const double median = sorted[(sorted.size() - 1) / 2];  // for an even count, the lower one
@@ -181,18 +181,18 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     agreed = worst <= kOutlier_px;
     if (agreed) break;
     const bool alike = worst <= kOutlierMedianRatio * median && worst <= kOutlierAlways_px;
-    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
+    if (kept.size() <= 2 || 2 * (kept.size() - 1) <= used.size()) {
       agreed = alike;
       break;
     }
-    WithoutOne without = leave_one_out(camera, rest, rms);
+    WithoutOne without = leave_one_out(camera, kept, rms);
     // If the residuals are only noise, removing one tag does not reduce them to 1/3.
     agreed = alike && (without.minima.empty() ||
-                       3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
+                       3.0 * without.minima.front().rms_px > kept_minima.front().rms_px);
     if (agreed) break;
-    rejected.push_back(rest[without.index].index);
-    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
-    rest_minima = std::move(without.minima);
+    rejected.push_back(kept[without.index].index);
+    kept.erase(kept.begin() + static_cast<std::ptrdiff_t>(without.index));
+    kept_minima = std::move(without.minima);
   }
   // A small majority may consist of moved tags and one or two others that fit by chance.
   result.agreed = agreed && 3 * rejected.size() <= used.size();
@@ -200,7 +200,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     result.used = std::move(used);
     return result;
   }
-  result.used = std::move(rest);
+  result.used = std::move(kept);
   if (!rejected.empty()) result.minima = minima_of(camera, result.used);
   result.rejected = std::move(rejected);
   return result;
@@ -218,9 +218,9 @@ bool BoardPose::is_ambiguous(double ratio) const {
   // Does not trust a fit better than the noise floor.
   const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
   if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
-  // One tag has 8 equations for 6 unknowns, so a wrong pose may fit it perfectly. Rejects the
-  // second pose if its log-likelihood, for noise of 0.3 px per axis, is lower by 18 / 2 (rejects 1
-  // in 8000 true poses).
+  // One tag has 8 equations for 6 unknowns, so a wrong pose may fit it perfectly. The second pose
+  // is wrong if its log-likelihood is lower by 18 / 2, for noise of 0.3 px per axis (wrong for 1 in
+  // 8000 true poses).
   constexpr double kNoise_px = 0.3;
   constexpr double kChiSquare = 18.0;
   const double noise = std::max(kNoise_px, best.noise_px);

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMinTags = 2;    // or 1 if the map has no more; a single one may be false
+constexpr std::size_t kMinTags = 2;    // 1 if the map has only one tag; one detection may be false
 constexpr int kLargePixels = 500'000;  // larger images are searched at half resolution
 
 struct Copy {

@@ -1,4 +1,4 @@
-// Detects mirrored or negative images, in which no tag is found.
+// Detects mirrored or negative images. A tag detector finds no tags in such images.
 #pragma once
 
 #include <cstdint>
@@ -15,13 +15,13 @@ namespace penumbra {
 
 enum class ImageFault { mirrored, negative, mirrored_negative };
 
-// Returns "mirrored", ...
+// Returns the name of the fault, for example "mirrored".
 [[nodiscard]] std::string_view to_string(ImageFault fault);
 // Returns a message for users: the fault and its remedy.
 [[nodiscard]] std::string_view advice(ImageFault fault);
 
-// Searches mirrored and inverted copies of images without tags for the map's tags. Limits the cost:
-// checks only the 1st, 2nd, 4th, 8th ... such image, up to number kMaxImages.
+// Searches for the map's tags in mirrored and inverted copies of images without tags. To limit the
+// cost, checks only the 1st, 2nd, 4th, 8th ... image without tags, up to number kMaxImages.
 class ImageCheck {
  public:
   static constexpr std::uint64_t kMaxImages = 1024;

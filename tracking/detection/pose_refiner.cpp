@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kNearest = 1e-6;  // [m] in front of the camera
+constexpr double kNearest = 1e-6;  // minimum z of a point in the camera frame [m]
 
 // T_map_camera as a parameter block: qx qy qz qw tx ty tz.
 using PoseParameters = std::array<double, 7>;
@@ -104,7 +104,7 @@ std::optional<MapFromCamera> minimum_by_ceres(const CameraModel& camera,
   solver.max_num_iterations = options.max_iterations;
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
-  // Stops at steps that move no corner by 1e-4 px.
+  // With these tolerances, the final step moves every corner by less than 1e-4 px.
   solver.function_tolerance = 1e-10;
   solver.parameter_tolerance = 1e-10;
   solver.gradient_tolerance = 1e-12;
@@ -193,7 +193,7 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
       damping *= damping_factor;
       damping_factor *= 2.0;
     }
-    // A rejected step this short also ends the iteration: only rounding errors are left.
+    // A short step that is rejected also ends the iteration: only rounding errors remain.
     if (moved2 <= last_step2 || !(damping < 1e32)) break;
   }
   return pose;
@@ -248,8 +248,8 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   RefinedPose result;
   result.T_map_camera = *minimum;
   if (!result.T_map_camera.is_finite()) return std::nullopt;
-  // Information of the weighted problem. Translations are scaled by the distance, so that all six
-  // directions compare.
+  // Computes the information of the weighted problem. Translations are scaled by the distance to
+  // the points, so that all six directions are comparable.
   const auto T_refined = result.T_map_camera.inverse();
   Matrix6d information = Matrix6d::Zero();
   double sum = 0.0;

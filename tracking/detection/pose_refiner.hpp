@@ -43,7 +43,7 @@ template <class To, class From>
   return xi;
 }
 
-// d pixel / d xi at xi = 0, for a point of the map, which must be in front of the camera.
+// Returns d pixel / d xi of perturbed(T_map_camera, xi); p_map must be in front of the camera.
 [[nodiscard]] Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
                                                                 const MapFromCamera& T_map_camera,
                                                                 const Eigen::Vector3d& p_map);
@@ -60,13 +60,13 @@ struct RefinerOptions {
 
 struct RefinedPose {
   MapFromCamera T_map_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // of xi
-  double rms_px = 0.0;                     // 2-D error over all observations
+  Matrix6d covariance = Matrix6d::Zero();  // of xi in perturbed(T_map_camera, xi)
+  double rms_px = 0.0;                     // RMS distance from the observed pixels
   double noise_px = 0.0;                   // sigma per axis that scales the covariance
 };
 
-// Levenberg-Marquardt. Returns nullopt if a point is behind the start's camera, the points do not
-// determine the pose, or the minimum is not finite.
+// Refines `start` by Levenberg-Marquardt. Returns nullopt if a point is behind the camera at
+// `start`, the points do not determine the pose, or the minimum is not finite.
 [[nodiscard]] std::optional<RefinedPose> refine_pose(const CameraModel& camera,
                                                      std::span<const PointObservation> observations,
                                                      const MapFromCamera& start,

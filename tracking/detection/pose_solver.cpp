@@ -37,7 +37,7 @@ Spread spread_of(const std::vector<PointObservation>& points) {
 
 struct Candidate {
   MapFromCamera pose;
-  double error = 0.0;  // sum of squares in normalised coordinates
+  double error = 0.0;  // sum of squared errors of the rays' x and y at z = 1
 };
 
 }  // namespace

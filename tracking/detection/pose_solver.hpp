@@ -15,10 +15,10 @@ struct PointObservation {
   Eigen::Vector2d pixel;  // [px]
 };
 
-// Poses that see all points from in front, closest fit first. Coplanar points have up to two (IPPE:
-// Collins and Bartoli, IJCV 2014), other points one (SQPnP: Terzakis and Lourakis, ECCV 2020),
-// nearly coplanar ones all three. None for points on a line, numbers that are not finite, or fewer
-// than 4 pixels that the lens model can unproject.
+// Returns poses with all points in front of the camera, best fit first: up to two for coplanar
+// points (IPPE: Collins and Bartoli, IJCV 2014), one for other points (SQPnP: Terzakis and
+// Lourakis, ECCV 2020), up to three for nearly coplanar points. Returns none for collinear points,
+// numbers that are not finite, or fewer than 4 pixels that the lens model can unproject.
 [[nodiscard]] std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
                                                     std::span<const PointObservation> observations);
 

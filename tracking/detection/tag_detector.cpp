@@ -17,7 +17,7 @@ namespace {
 // px threshold tiles. Below this size [px], after decimation, no tag is readable.
 constexpr int kSmallestSide = 16;
 constexpr int kLargestSide = 32767;         // libapriltag's cluster points are 16-bit half pixels
-constexpr int kMaxCorrectedBits = 1;        // rejects detections with more
+constexpr int kMaxCorrectedBits = 1;        // detections with more wrong bits are rejected
 constexpr double kDecodeSharpening = 0.25;  // libapriltag's default
 
 struct DestroyDetections {
@@ -38,7 +38,7 @@ bool is_proper(const std::array<Eigen::Vector2d, 4>& corners) {
   return true;
 }
 
-// libapriltag rounds other factors down for the image, but not for the corners.
+// libapriltag rounds other factors for the image, but not for the corners, which are then wrong.
 bool is_decimation(float d) {
   return d == 1.5F || (d >= 1.0F && d <= 8.0F && d == std::floor(d));
 }
@@ -89,7 +89,7 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
     if (options.border_cells == 2) {
       if (family != TagFamily::tag36h11)
         return fail("tag detector: border_cells 2 is for tag36h11, not {}", to_string(family));
-      // The same codes, one cell further inside.
+      // The codes are the same, one cell further inside.
       handle->width_at_border += 2;
       handle->total_width += 2;
       for (std::uint32_t bit = 0; bit < handle->nbits; ++bit) {

@@ -35,9 +35,9 @@ class TagDetector {
   TagDetector& operator=(TagDetector&&) noexcept;
   ~TagDetector();
 
-  // Detects tags, sorted by family, id and position; single-threaded and deterministic. Searches
-  // quads in an image reduced by `quad_decimate`: 1, 1.5 or an integer up to 8. Finds none in
-  // images below 16 px after decimation.
+  // Returns the tags, sorted by family, id and position. Single-threaded and deterministic.
+  // Searches quads in an image reduced by `quad_decimate`: 1, 1.5 or an integer up to 8. Finds no
+  // tags if the reduced image is smaller than 16 px.
   [[nodiscard]] std::vector<TagDetection> detect(ImageView luma, float quad_decimate = 1.0F);
 
  private:

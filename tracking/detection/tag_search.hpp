@@ -25,7 +25,7 @@ struct PixelBox {
 
 class TagSearch {
  public:
-  // `tone_exponent`: linear light = (grey / 255) ^ exponent. If known, searches linear light.
+  // `tone_exponent`: linear light = (grey / 255) ^ exponent; nullopt: searches the captured luma.
   [[nodiscard]] static Result<TagSearch> create(std::span<const TagFamily> families,
                                                 std::optional<double> tone_exponent);
 
@@ -38,9 +38,9 @@ class TagSearch {
   [[nodiscard]] bool searched(SearchResolution resolution = SearchResolution::quarter) const {
     return searched_at_ && *searched_at_ >= resolution;
   }
-  // Returns the tags at this resolution, or at a finer one if that was searched already.
+  // Returns the tags found at this resolution, or at a finer resolution that was searched already.
   [[nodiscard]] const std::vector<TagDetection>& tags(SearchResolution resolution);
-  // Returns the tags completely inside `box` (in the frame), at half resolution. tags() omits them.
+  // Returns the tags completely inside `box`, at half resolution; tags() does not return these.
   [[nodiscard]] std::vector<TagDetection> tags_within(const PixelBox& box);
 
  private:
