@@ -40,7 +40,7 @@ ImageMotion estimate_motion(const PoseHistory& history, const CameraModel& camer
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
       std::min(frame.exposure_s.value_or(std::min(interval_s, kMaxExposure_s)), interval_s);
-  // Blur may have displaced one of two poses; of three poses it would displace all equally.
+  // If only two poses give the motion, blur in other directions may have displaced one of them.
   if (exposure_s > 0.0)
     found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
                                                      frame.exposure_s.has_value(),
@@ -63,8 +63,8 @@ void align_with_measured_motion(const PoseHistory& history, const CameraModel& c
   // Blur and tilt of a single tag look alike.
   const double exposure_s = result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
   if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
-  constexpr double kElsewhere_px = 0.1;
-  constexpr double kBlurred_px = 2.0;
+  constexpr double kElsewhere_px = 0.1;  // minimum displacement of rows that is corrected
+  constexpr double kBlurred_px = 2.0;    // minimum error of the blur that is corrected
   // Maximum relative change of a motion whose blur is modelled; see docs/tracking.md#motion-blur.
   constexpr double kEvenly = 0.25;
   constexpr int kTries = 2;
@@ -85,7 +85,7 @@ void align_with_measured_motion(const PoseHistory& history, const CameraModel& c
     const Vector6d velocity_before = std::exchange(input.velocity, velocity);
     const Vector6d exposure_motion_before = input.exposure_motion;
     if (blurred) input.exposure_motion = exposure_motion;
-    // Compares residuals, unless a rolling shutter displaces rows from a tracked pose.
+    // The residual must not increase, unless rows are displaced after a tracked pose.
     const double residual = elsewhere && history.was_tracked()
                                 ? std::numeric_limits<double>::infinity()
                                 : result.residual_rms;
@@ -113,16 +113,16 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
   // Compares fractions of the gain, because a correctly blurred model also restores the gain.
   if (result.verified && enough && result.residual_rms <= residual && result.inconsistent_tag < 0 &&
       !many_are_inconsistent(result)) {
-    const MotionBlurError left =
+    const MotionBlurError remaining =
         estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // A pose with a motion below a cell may have drifted along a blur that is still present.
-    const auto blur_is_left = [&] {
+    const auto blur_is_present = [&] {
       const auto any = alignment.aligner.motion_blur_error(std::nullopt, false, kAlignedBlur_cells);
       return any.shift_px > 0.0;
     };
-    const bool slid = left.shift_px == 0.0 && blur_is_left();
-    if (left.shift_px < blur.shift_px && !slid) {
-      blur = left;
+    const bool drifted = remaining.shift_px == 0.0 && blur_is_present();
+    if (remaining.shift_px < blur.shift_px && !drifted) {
+      blur = remaining;
       return true;
     }
   }

@@ -8,18 +8,17 @@
 
 namespace penumbra {
 
-// Maximum blur at which libapriltag and the alignment can read tags [cells].
-inline constexpr double kDetectedBlur_cells = 2.0;
-inline constexpr double kAlignedBlur_cells = 5.0;
+inline constexpr double kDetectedBlur_cells = 2.0;  // maximum blur at which libapriltag reads tags
+inline constexpr double kAlignedBlur_cells = 5.0;  // maximum blur at which the alignment reads tags
 
 // Image motion in 1/30 s, RMS over the overlay cube.
 struct ImageMotion {
-  double predicted_px = 0.0;
+  double predicted_px = 0.0;    // motion at the estimated velocity
   double unpredicted_px = 0.0;  // deviation from the prediction at constant velocity
   MotionBlurError blur;
 };
 
-// Overlay displacement in 1/30 s at this velocity, RMS [px].
+// Returns the overlay displacement in 1/30 s at this velocity, RMS [px].
 [[nodiscard]] double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
                                      const Vector6d& velocity);
 

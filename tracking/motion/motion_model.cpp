@@ -10,7 +10,7 @@
 namespace penumbra {
 namespace {
 
-// Accelerations of a hand, given as displacement in 1/30 s (10 mm: 9 m/s^2).
+// Random accelerations of a hand, given as the displacement (1 sigma) that they cause in 1/30 s.
 constexpr double kFrame_s = 1.0 / 30.0;
 constexpr double density(double displacement) {
   return 3.0 * displacement * displacement / (kFrame_s * kFrame_s * kFrame_s);
@@ -23,7 +23,7 @@ constexpr double kMaxAngular_rad = radians(3.0);
 constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
 
-// Adapts q to the latest innovation: immediately if it is larger, slowly if it is smaller.
+// Adapts q by squared innovation / expected value: at once if the ratio is above 1, else slowly.
 double adapted(double q, double ratio, double low, double high) {
   const double factor =
       ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
@@ -78,13 +78,13 @@ void MotionModel::update(std::int64_t timestamp_ns, const MapFromCamera& T_map_c
   PENUMBRA_ASSERT(T_map_camera.is_finite() && covariance.allFinite());
   State next = advanced(timestamp_ns);
   const Vector6d moved = perturbation_between(next.pose, T_map_camera);
-  // The pose's correction changes the velocity by their cross-covariance.
+  // The correction of the pose also corrects the velocity, by the cross-covariance.
   const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);
   const Matrix6d learned = next.P_pose - covariance;  // E[moved moved^T] if q is right
   const auto ratio = [&](int first) {
     const double expected = learned.diagonal().segment<3>(first).sum();
     const double found = moved.segment<3>(first).squaredNorm();
-    // Does not adapt if the image adds no information to the prediction.
+    // Leaves q nearly unchanged if the image adds no information to the prediction.
     return expected > 0.1 * next.P_pose.diagonal().segment<3>(first).sum() ? found / expected
                                                                            : 0.999;
   };

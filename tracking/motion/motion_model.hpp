@@ -30,7 +30,7 @@ class MotionModel {
              const Matrix6d& covariance);
   // Requires a state that is not later than `timestamp_ns`.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
-  // Updates with the pose found from predict(timestamp_ns); `covariance` includes the prediction's.
+  // Updates with an alignment's pose; `covariance` already combines it with predict(timestamp_ns).
   void update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
               const Matrix6d& covariance);
 
@@ -39,7 +39,7 @@ class MotionModel {
     std::int64_t timestamp_ns = 0;
     MapFromCamera pose;
     Vector6d velocity = Vector6d::Zero();  // linear [m/s], then angular [rad/s]
-    Matrix6d P_pose = Matrix6d::Zero();    // [m^2, rad^2]; the other blocks correspondingly
+    Matrix6d P_pose = Matrix6d::Zero();    // covariance of the pose [m^2, rad^2]
     Matrix6d P_cross = Matrix6d::Zero();   // rows: velocity; columns: pose
     Matrix6d P_velocity = Matrix6d::Zero();
     // Spectral densities of the accelerations [m^2/s^3], [rad^2/s^3].

@@ -28,10 +28,10 @@ void PoseHistory::begin_frame(std::int64_t timestamp_ns) {
 void PoseHistory::add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
                       bool continues) {
   last_status_ = estimate.status;
-  const TimedPose here{timestamp_ns, estimate.T_map_camera, estimate.covariance,
-                       estimate.status == TrackStatus::tracked};
-  if (is_located) before_located_ = std::exchange(located_, here);
-  if (continues) before_last_ = std::exchange(last_, here);
+  const TimedPose added{timestamp_ns, estimate.T_map_camera, estimate.covariance,
+                        estimate.status == TrackStatus::tracked};
+  if (is_located) before_located_ = std::exchange(located_, added);
+  if (continues) before_last_ = std::exchange(last_, added);
 }
 
 std::optional<MapFromCamera> PoseHistory::predict(std::int64_t timestamp_ns) const {

@@ -18,10 +18,10 @@ inline constexpr double kPriorLifetime_s = 0.2;
 struct CameraMotion {
   Vector6d velocity;
   Vector6d change;  // velocity change since the previous frame; after one step, the velocity itself
-  bool of_one_step = true;
+  bool of_one_step = true;  // only two poses give the motion
 };
 
-// PoseEstimate over the map that a tracker is given.
+// Estimate of the camera's pose in a tracker's map frame.
 struct MapPoseEstimate : EstimatedPose {
   MapFromCamera T_map_camera;
   double ambiguity_ratio = 0.0;
@@ -29,26 +29,26 @@ struct MapPoseEstimate : EstimatedPose {
 
 class PoseHistory {
  public:
-  // Begins a frame; discards newer poses, which means that the clock jumped back.
+  // Begins a frame; discards the poses if they are newer, because the clock jumped back.
   void begin_frame(std::int64_t timestamp_ns);
-  // Time since the previous frame [s], an upper limit of the exposure; 0: unknown.
+  // Returns the time since the previous frame [s], an upper limit of the exposure; 0: unknown.
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
-  // Adds a pose. `is_located`: not one of several far apart. `continues`: usable by predict().
+  // Adds a pose. `is_located`: no other pose is possible. `continues`: predict() may use the pose.
   void add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
            bool continues);
 
-  // The tracked motion continued at constant velocity.
+  // Returns the pose predicted at constant velocity.
   [[nodiscard]] std::optional<MapFromCamera> predict(std::int64_t timestamp_ns) const;
-  // predict() while its last pose is recent; nullopt afterwards.
+  // Returns predict() if the latest pose is younger than kPriorLifetime_s, otherwise nullopt.
   [[nodiscard]] std::optional<MapFromCamera> recent_prediction(std::int64_t timestamp_ns) const;
-  // Motion in a frame with this pose, by measured poses and constant acceleration.
+  // Returns the motion in a frame with this pose, by measured poses and constant acceleration.
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
                                                       const MapFromCamera& pose) const;
-  // Returns true if the latest located pose was tracked. There must be one.
+  // Returns true if the latest located pose, which must exist, was tracked.
   [[nodiscard]] bool was_tracked() const { return located_->tracked; }
 
-  // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
+  // Extrapolates the pose of a frame without a measurement; lost after `hold_s`.
   [[nodiscard]] MapPoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
                                       double hold_s, PoseReason reason) const;
 
