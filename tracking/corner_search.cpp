@@ -50,7 +50,7 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
       return other.family == detection.family && other.id == detection.id;
     };
     if (std::count_if(detections.begin(), detections.end(), same) > 1) {
-      seen_twice = true;  // unknown which of them is the tag in the map
+      seen_twice = true;  // it is unknown which detection is the tag in the map
       continue;
     }
     const auto known = std::ranges::find_if(group.tags, [tag](const MappedTag& own) {
@@ -92,10 +92,10 @@ void CornerSearch::refine(const RigidTags& group, Measurement& measurement, Trac
 
 MeasurementResult CornerSearch::detect(const RigidTags& group, SearchResolution resolution,
                                        TrackTimes& times) {
-  const bool again = search_->searched(resolution);
+  const bool searched_already = search_->searched(resolution);
   const Stopwatch detect;
   const std::vector<TagDetection>& detections = search_->tags(resolution);
-  if (!again) {  // an earlier search is counted already
+  if (!searched_already) {  // the time of an earlier search is included already
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
     times.full_detection = true;
   }
@@ -109,16 +109,16 @@ MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution fi
       predicted && finest != SearchResolution::quarter ? group.box_about(*predicted) : std::nullopt;
   if (box && !search_->searched(SearchResolution::half)) {
     const Stopwatch detect;
-    const std::vector<TagDetection> tags_there = search_->tags_within(*box);
+    const std::vector<TagDetection> tags_in_box = search_->tags_within(*box);
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
-    MeasurementResult there = measure(group, tags_there, times);
-    times.roi_detection = there && is_conclusive(group, *there);
-    if (times.roi_detection) return there;
+    MeasurementResult in_box = measure(group, tags_in_box, times);
+    times.roi_detection = in_box && is_conclusive(group, *in_box);
+    if (times.roi_detection) return in_box;
   }
   const bool first = !std::exchange(searched_before_, true) && finest == SearchResolution::full;
   if (finest == SearchResolution::full && std::exchange(full_next_, !full_next_))
     return detect(group, SearchResolution::full, times);
-  // Searching at a quarter of the resolution takes 1/4 of the time at half resolution.
+  // A search at a quarter of the resolution takes 1/4 of the time at half resolution.
   MeasurementResult quarter = detect(group, SearchResolution::quarter, times);
   if (quarter && is_conclusive(group, *quarter)) return quarter;
   if (finest == SearchResolution::quarter) {

@@ -28,8 +28,8 @@ class CornerSearch {
   // Searches the whole frame at one resolution.
   [[nodiscard]] MeasurementResult detect(const RigidTags& group, SearchResolution resolution,
                                          TrackTimes& times);
-  // Searches the predicted region, then the whole frame, alternating between low and full
-  // resolution. Searches the first frame at every resolution.
+  // Searches the predicted region, then the whole frame: alternately at full resolution and at low
+  // resolutions, in the first frame at all of them. Stops when the result is sufficient.
   [[nodiscard]] MeasurementResult find(const RigidTags& group, SearchResolution finest,
                                        const std::optional<MapFromCamera>& predicted,
                                        TrackTimes& times);

@@ -13,9 +13,9 @@
 namespace penumbra {
 namespace {
 
-// 99 % quantile of chi-square with 6 degrees of freedom, for measurements of a resting group.
+// 99 % quantile of chi-square (6 degrees of freedom) for measurements that agree.
 constexpr double kRests = 16.8;
-// Growth of a resting group's covariance per frame; averages about five frames.
+// Growth of a resting group's covariance per frame; the average contains about five frames.
 constexpr double kCovarianceGrowth = 1.25;
 // Maximum distance of the displayed pose from the average, and of the average from a measurement.
 constexpr double kShownWithin_px = 0.25;
@@ -33,11 +33,11 @@ Matrix6d adjoint(const Transform<A, B>& T_a_b) {
   return A6;
 }
 
-// Covariance of the camera's pose over a group's middle, caused by that of the group's pose.
-Matrix6d propagated_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
+// Propagates the covariance of a group's place to the camera's pose over the group's middle.
+Matrix6d propagated_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& covariance) {
   const MiddleFromCamera normalised(T_middle_camera.rotation(), T_middle_camera.translation());
   const Matrix6d A = adjoint(normalised.inverse());
-  return A * of_place * A.transpose();
+  return A * covariance * A.transpose();
 }
 
 double overlay_distance_px(const CameraModel& camera, const MiddleFromCamera& a,
@@ -154,16 +154,16 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   estimate.T_table_group = shown_ * T_group_middle_.inverse();
   static_cast<MeasuredTags&>(estimate) = seen;
   estimate.rests = rests_;
-  const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
+  const MiddleFromCamera pose = shown_.inverse() * table_pose.T_table_camera;
   if (rests_) {
-    // Drawn by the table's pose, at a place averaged over several frames.
-    estimate.covariance = table_pose.covariance + propagated_to_camera(drawn, found_->covariance);
+    // The group is drawn with the table's pose, at a place averaged over several frames.
+    estimate.covariance = table_pose.covariance + propagated_to_camera(pose, found_->covariance);
   } else {
     estimate.covariance = seen.covariance;
   }
-  estimate.predicted_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
+  estimate.predicted_overlay_error_px = predicted_overlay_px(camera, pose, estimate.covariance);
   if (rests_) {
-    // Assumes that both distances are uniformly distributed up to their limit.
+    // Assumes that the two distances of kShownWithin_px are uniformly distributed up to this limit.
     estimate.predicted_overlay_error_px =
         std::hypot(estimate.predicted_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }

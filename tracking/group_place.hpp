@@ -1,4 +1,4 @@
-// Place of a group of tags on the table: averaged while it rests, extrapolated while it is hidden.
+// Pose of a group of tags on the table: averaged while it rests, extrapolated while it is hidden.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace penumbra {
 using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
 using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
 
-// Poses of a group's own tracker, whose map has the group's middle as its frame.
+// Convert poses of a group's tracker, whose map frame is the group's middle.
 [[nodiscard]] inline MiddleFromCamera over_middle(const MapPoseEstimate& seen) {
   return {seen.T_map_camera.rotation(), seen.T_map_camera.translation()};
 }
@@ -41,12 +41,12 @@ class GroupPlace {
 
   // Returns the displayed pose, within 0.25 px of the average.
   [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
-  // Returns true if the latest measurement is older than this time.
+  // Returns true if the latest measurement is older than this time, or there is no measurement.
   [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {
     return !found_ || found_->timestamp_ns < timestamp_ns;
   }
 
-  // Updates with a frame's estimate by the group's own tracker. `hold_s`: maximum time to
+  // Updates with `seen`, a frame's estimate by the group's tracker. `hold_s`: maximum time to
   // extrapolate a hidden group.
   [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
                                      std::int64_t timestamp_ns, const PoseEstimate& table_pose,
@@ -58,7 +58,8 @@ class GroupPlace {
     TableFromMiddle T_table_middle;
     Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
   };
-  // Averages measurements while they agree. Returns false for an uncertain one that disagrees.
+  // Adds a measurement: averages it with found_ if both agree, otherwise replaces found_. Returns
+  // false, and does neither, if it is uncertain and disagrees.
   bool take(const CameraModel& camera, const Place& now, bool uncertain,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
@@ -69,11 +70,11 @@ class GroupPlace {
 
   std::string name_;
   Transform<frame::Group, frame::GroupMiddle> T_group_middle_;
-  std::optional<Place> found_;  // averaged while it rests
+  std::optional<Place> found_;  // latest measurement; averaged while the group rests
   TableFromMiddle shown_;
   TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measurement
   bool rests_ = false;
-  Vector6d velocity_ = Vector6d::Zero();  // [m/s, rad/s], group's middle
+  Vector6d velocity_ = Vector6d::Zero();  // of the group's middle, in its axes [m/s, rad/s]
 };
 
 }  // namespace penumbra

@@ -15,12 +15,11 @@
 namespace penumbra {
 namespace {
 
-// For a lost group: number of initial frames that test its old pose, and interval of later tests.
+constexpr int kInitialTests = 15;  // number of frames in which a lost group's old pose is tested
+constexpr int kTestInterval = 4;   // interval of later tests [frames]
 // Searches of the whole image are rarer: they take as long as tracking 20 frames or more.
-constexpr int kInitialTests = 15;
-constexpr int kTestInterval = 4;
-constexpr int kSearchesAtFirst = 2;
-constexpr int kSearchesEvery = 8;
+constexpr int kSearchesAtFirst = 2;  // number of searched frames after a group was lost
+constexpr int kSearchesEvery = 8;    // interval of later searches [frames]
 
 // Returns true if the image is to be searched for a group that was lost for `unseen` frames.
 bool searches(int unseen) {
@@ -37,7 +36,7 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.full_detection = times.full_detection || more.full_detection;
 }
 
-// A map of the group's tags alone. Its frame, which `T_table_tag` refers to, is the group's middle.
+// Returns a map with only the group's tags. Its table frame (T_table_tag) is the group's middle.
 Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
   const auto T_middle_group = middle_of_group(tags, group).inverse();
   std::vector<MappedTag> own;
@@ -98,7 +97,7 @@ struct GroupTracker::Impl {
   struct Past {
     PastTags found;
     PoseEstimate table_pose;
-    bool recent = false;  // not older than a pose is extrapolated
+    bool recent = false;  // not older than the maximum time of extrapolation
   };
 
   CameraModel camera;
@@ -107,9 +106,8 @@ struct GroupTracker::Impl {
   RigidTagTracker table;
   std::vector<Group> groups;
   int skipped = 0;
-  // Null if frames wait for their search.
-  std::unique_ptr<BackgroundSearch> beside;
-  PoseEstimate searched_table_pose;  // of the frame that is searched there
+  std::unique_ptr<BackgroundSearch> beside;  // null if each frame waits for its search
+  PoseEstimate searched_table_pose;          // table pose of the frame that `beside` searches
   bool search_due = false;
   bool search_full = false;  // resolution of the next search
 
@@ -123,7 +121,7 @@ struct GroupTracker::Impl {
 
 TrackRequest GroupTracker::Impl::request_for(const Group& group) const {
   TrackRequest request;
-  // A search for the table in this frame serves the group as well.
+  // The group can use the result if this frame was searched for the table already.
   request.search = search->searched() || (!beside && searches(group.unseen));
   if (beside && options.search_timing == SearchTiming::when_done) {
     request.finest = SearchResolution::quarter;
@@ -163,7 +161,7 @@ void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& ta
                 full ? SearchResolution::full : SearchResolution::half);
 }
 
-// Tracks the table, lost or not.
+// Tracks the table's tags, or searches for them if they are lost.
 TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* past) {
   TrackRequest request;
   if (beside && options.search_timing == SearchTiming::when_done) {
@@ -190,11 +188,11 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   const PoseEstimate& table_pose = result.pose;
   const int unseen = group.unseen;
   TrackRequest request = request_for(group);
-  // Tries the group's last place, unless this frame is searched: a search finds other places too.
-  const bool looks = !search->searched() && (unseen < kInitialTests || unseen % kTestInterval == 0);
-  if (looks && is_measured(table_pose.status))
+  // Tests the group's last place if this frame is not searched: a search finds every place.
+  const bool tests = !search->searched() && (unseen < kInitialTests || unseen % kTestInterval == 0);
+  if (tests && is_measured(table_pose.status))
     request.hint = as_map_pose(group.place.shown().inverse() * table_pose.T_table_camera);
-  MapPoseEstimate then;  // where the group was seen in the past
+  MapPoseEstimate then;  // pose of the group in the past frame
   if (past != nullptr && past->recent && unseen > 0 && is_measured(past->table_pose.status))
     then = group.tracker.locate(past->found.tags);
   const bool was_seen = is_measured(then.status);
@@ -208,7 +206,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   add(times, result.times);
   search_due = search_due || (seen.status != TrackStatus::tracked && searches(unseen));
   group.unseen = seen.status == TrackStatus::tracked ? 0 : unseen + 1;
-  // If not verified in this frame, extrapolates from the past frame.
+  // If the group is not verified in this frame, extrapolates from the past frame.
   if (was_seen && !is_measured(seen.status) &&
       group.place.is_older_than(past->found.timestamp_ns)) {
     std::ignore = group.place.update(camera, options.hold_s, past->found.timestamp_ns,

@@ -16,16 +16,16 @@
 
 namespace penumbra {
 
-// The groups beside the table, each once, in the order of the map.
+// Returns the names of the groups other than the table, in the order of the map.
 [[nodiscard]] std::vector<std::string> other_groups(const TagMap& tags);
 
-// The middle of the group's tags. The map must have such a group.
+// Returns the middle of the group's tags. The map must contain the group.
 [[nodiscard]] Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
                                                                           const std::string& group);
 
 class GroupTracker {
  public:
-  // `wanted`: the groups beside the table that are tracked; without it, all of them. They do not
+  // `wanted`: groups to track in addition to the table; nullopt: all groups. Tracking them does not
   // change the table's poses. Fails if the map has no tag of the table.
   [[nodiscard]] static Result<GroupTracker> create(
       const CameraModel& camera, const TagMap& tags, const TrackerOptions& options = {},
@@ -33,8 +33,8 @@ class GroupTracker {
   GroupTracker(GroupTracker&&) noexcept;
   ~GroupTracker();
 
-  // Tracks frames in order of time. The same frames give the same poses, bit for bit. A frame of
-  // another size than the camera model's is lost. See docs/tracking.md#groups.
+  // Tracks a frame; frames must be in order of time. The same frames give the same bits. The status
+  // is lost if the frame's size differs from the camera model's. See docs/tracking.md#groups.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
  private:

@@ -15,9 +15,10 @@ namespace {
 constexpr double kDecides = 9.0;  // minimum log-likelihood ratio for a decision
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
-// Minimum limit / displacement that explains the residuals, for cells below kOverlap_sigmas.
+// If all cells are below kOverlap_sigmas, poses are treated as one if their tag corners differ by
+// less than kSameResiduals times the residuals.
 constexpr double kSameResiduals = 2.0;
-constexpr double kOverlap_sigmas = 5.0;
+constexpr double kOverlap_sigmas = 5.0;  // cell size at which edges blur into each other
 
 // Returns the pose from which the coplanar verified tags look the same except for perspective.
 MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
@@ -71,7 +72,8 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
-    // If the cells are read correctly from only one of two poses, that pose is the true one.
+    // Only the first pose reads the cells correctly, so it is the true one if the two look
+    // different.
     if (look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
       measurement.second->T_map_camera = mirror;
@@ -91,7 +93,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   double inflation = std::max(measurement.variance_inflation, variance_inflation(other.result));
   double first_residual = measurement.best.noise_px;
   if (second->noise_px < first_residual) {
-    // The first pose was fitted to a prediction as well.
+    // The first pose was also fitted to a prediction. Aligns it again without one.
     other.input.predicted = measurement.best.T_map_camera;
     other.run();
     const std::optional<RefinedPose> again = pose_of(group, other, motion);
@@ -102,13 +104,13 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   }
   measurement.second = second;
   const double ratio = second->noise_px / std::max(first_residual, 1e-9);
-  const bool is_other = ratio < 1.0;
-  measurement.ambiguity_ratio = is_other ? 1.0 / std::max(ratio, 1e-9) : ratio;
+  const bool second_fits = ratio < 1.0;
+  measurement.ambiguity_ratio = second_fits ? 1.0 / std::max(ratio, 1e-9) : ratio;
   measurement.ambiguous =
       look_the_same(second->T_map_camera, std::min(first_residual, second->noise_px)) ||
       samples * std::log(measurement.ambiguity_ratio) < kDecides * inflation;
-  if (is_other) std::swap(measurement.best, *measurement.second);
-  return is_other;
+  if (second_fits) std::swap(measurement.best, *measurement.second);
+  return second_fits;
 }
 
 }  // namespace penumbra

@@ -14,23 +14,23 @@ namespace {
 // Systematic errors that the covariance does not include; see docs/tracking.md#bias.
 constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
 constexpr double kSpreadBias_px = 0.1;  // of an edge, if its point spread overlaps the next edge
-constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges; each has its own kSpreadBias_px
+constexpr double kPartsOfTag = 8.0;     // number of a tag's edges with independent kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
-// Ratio of the error of the mean pose during an exposure to ImageMotion::unpredicted_px.
+// Error of the mean pose during an exposure, divided by ImageMotion::unpredicted_px.
 constexpr double kExposureShare = 1.0 / 24.0;
 // Sigma of a uniform blur of unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
 
-// Corrections to the covariance of independent residuals and an exact model.
+// Corrections to a covariance that assumes independent residuals and an exact model.
 struct CovarianceInflation {
   double scatter = 1.0;  // factor for correlated residuals and tags that disagree
-  double bias = 0.0;     // added: displacement of whole tags that is the same in every frame
+  double bias = 0.0;     // added variance: displacements of whole tags, the same in every frame
 };
 
 // Adds kTagBias_px only for several tags, because it displaces a tag relative to the others.
 CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
   CovarianceInflation inflation;
-  // The disagreement of the tags already includes a part of the correlation.
+  // Takes the maximum, because the disagreement includes some of the correlation.
   inflation.scatter = variance_inflation(result);
   if (result.map_covariance.isZero(0.0))
     inflation.scatter = std::max(inflation.scatter, result.disagreement);
@@ -46,17 +46,16 @@ CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, 
   return inflation;
 }
 
-// The selected one of two poses.
+// The pose selected from the two poses of a measurement.
 struct Choice {
   RefinedPose pose;
-  bool open = false;  // the other pose remains possible and differs visibly
-  // Overlay distance to the other pose if that remains possible [px].
-  double between_px = 0.0;
+  bool open = false;        // the other pose remains possible and differs visibly
+  double between_px = 0.0;  // overlay distance to the other pose [px]; 0: that pose is excluded
 };
 
 Choice choose(const RigidTags& group, const Measurement& measurement,
               const std::optional<MapFromCamera>& predicted) {
-  constexpr double kClearly = 3.0;
+  constexpr double kClearly = 3.0;  // ratio of the distances to the prediction for a decision
   Choice choice{measurement.best};
   if (!measurement.second || !measurement.ambiguous) return choice;
   const RefinedPose& second = *measurement.second;
@@ -78,15 +77,14 @@ Choice choose(const RigidTags& group, const Measurement& measurement,
   return choice;
 }
 
-// Reason of a pose whose predicted error is too large.
+// Returns why a predicted error is too large. `pose_px`, `map_px`: error without lens, of the map.
 PoseReason reason_of_error(const CameraModel& camera, const MapPoseEstimate& estimate,
-                           double of_pose_px, double map_px) {
+                           double pose_px, double map_px) {
   const double predicted_px = estimate.predicted_overlay_error_px;
   if (!std::isfinite(predicted_px)) return {PoseCause::out_of_sight};
-  if (of_pose_px < kTrackedOverlay_px)
+  if (pose_px < kTrackedOverlay_px)
     return {PoseCause::uncertain_lens, camera.parameters().overlay_sigma_px.value_or(0.0)};
-  const bool by_map =
-      of_pose_px * of_pose_px - map_px * map_px < kTrackedOverlay_px * kTrackedOverlay_px;
+  const bool by_map = pose_px * pose_px - map_px * map_px < kTrackedOverlay_px * kTrackedOverlay_px;
   return {by_map ? PoseCause::uncertain_map : PoseCause::large_error, predicted_px};
 }
 
@@ -100,7 +98,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
     return std::nullopt;
   RefinedPose pose;
   pose.T_map_camera = result.T_map_camera;
-  // Displacement of the edges: the slope of a blurred edge is gain / (sqrt(2 pi) sigma).
+  // Converts residuals to displacements: the slope of a blurred edge is gain / (sqrt(2 pi) sigma).
   pose.noise_px = result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * lens_blur_px;
   pose.rms_px = std::sqrt(2.0) * pose.noise_px;
   const CovarianceInflation inflation = inflation_of(result, lens_blur_px, pose.noise_px);
@@ -145,9 +143,9 @@ double samples_needed(const CameraModel& camera, const AlignmentResult& result, 
       std::sqrt(variance_inflation(result)) *
       predicted_overlay_error_px(camera, result.T_map_camera, result.covariance);
   const double tone_px = camera.parameters().tone_curve ? 0.0 : kToneBias_px;
-  const double left = budget_px * budget_px - tone_px * tone_px;
-  if (!(left > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
-  return noise_px * noise_px / left;
+  const double budget2 = budget_px * budget_px - tone_px * tone_px;
+  if (!(budget2 > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
+  return noise_px * noise_px / budget2;
 }
 
 AssessedPose judge(const RigidTags& group, const Measurement& measurement,
@@ -158,11 +156,11 @@ AssessedPose judge(const RigidTags& group, const Measurement& measurement,
   MapPoseEstimate& estimate = judged.estimate;
   estimate.T_map_camera = pose;
   // Tags in view but not read indicate blur or a grazing view (docs/tracking.md#unread-tags).
-  const double share = measurement.aligned
+  const double ratio = measurement.aligned
                            ? 1.0
                            : static_cast<double>(std::max(group.in_view(pose), 1)) /
                                  static_cast<double>(std::max(measurement.tags_used, 1));
-  estimate.covariance = chosen.pose.covariance * std::max(share, 1.0);
+  estimate.covariance = chosen.pose.covariance * std::max(ratio, 1.0);
   estimate.reprojection_rms_px = chosen.pose.rms_px;
   estimate.ambiguity_ratio = measurement.ambiguity_ratio;
   estimate.tags_used = measurement.tags_used;

@@ -28,8 +28,8 @@ struct Measurement {
   std::vector<int> rejected;  // indices into RigidTags::tags
   bool ambiguous = false;     // the second pose may be the true one
   bool inconsistent = false;
-  bool aligned = false;             // result of an alignment
-  double variance_inflation = 1.0;  // of that alignment; see variance_inflation()
+  bool aligned = false;             // `best` is the result of an alignment
+  double variance_inflation = 1.0;  // variance_inflation() of that alignment
   double map_px = 0.0;              // overlay error caused by errors of the map [px]
 };
 
@@ -42,7 +42,7 @@ struct Measurement {
 void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
                     Measurement& measurement);
 
-// Returns the factor of samples needed for a predicted overlay error below `budget_px`.
+// Returns the factor by which the samples must increase for a predicted error below `budget_px`.
 [[nodiscard]] double samples_needed(const CameraModel& camera, const AlignmentResult& result,
                                     double budget_px);
 
@@ -57,7 +57,8 @@ struct AssessedPose {
   bool only_lens_uncertain = false;  // uncertain only because of the lens
 };
 
-// Returns the estimate of a measured frame. If two poses fit, `predicted` selects one.
+// Returns the estimate of a measured frame. If two poses fit, selects the one nearer to
+// `predicted`.
 [[nodiscard]] AssessedPose judge(const RigidTags& group, const Measurement& measurement,
                                  const std::optional<MapFromCamera>& predicted);
 

@@ -21,10 +21,10 @@
 namespace penumbra {
 namespace {
 
-// Image motion in 1/30 s [px], RMS over the overlay cube, at which the view starts to rest or move.
-constexpr double kRests_px = 1.0;
-constexpr double kMoves_px = 1.5;
-constexpr int kFewTags = 3;  // fewer tags are sampled at every pixel
+// Image motions in 1/30 s [px], RMS over the overlay cube.
+constexpr double kRests_px = 1.0;  // a moving view rests below this
+constexpr double kMoves_px = 1.5;  // a resting view moves from this on
+constexpr int kFewTags = 3;        // fewer tags are sampled at every pixel
 // Image motion in 1/30 s above which blur, not the number of pixels, limits the accuracy [px].
 constexpr double kBlurs_px = 12.0;
 
@@ -37,7 +37,7 @@ struct Following {
   int last_tags = 0;
   int last_samples = 0;
   bool last_start_far = false;
-  double last_contrast = 0.0;  // of the latest search alignment that was verified
+  double last_contrast = 0.0;  // contrast of the latest alignment; 0: it was not verified
 };
 
 // Start of an alignment: the prediction, or TrackRequest::hint without or with hint_seen.
@@ -63,15 +63,15 @@ struct RigidTagTracker::Impl {
   [[nodiscard]] std::optional<AssessedPose> follow_hint(const Frame& frame,
                                                         const MapFromCamera& hint, Start start);
   [[nodiscard]] std::optional<AssessedPose> follow_far(const Frame& frame);
-  // Detects tags, and aligns the pose found where that is verified.
+  // Detects tags and estimates the pose from their corners; aligns it if that can be verified.
   [[nodiscard]] AssessedPose find(const Frame& frame, const std::optional<MapFromCamera>& predicted,
                                   SearchResolution finest);
 
   struct Followed {
     Measurement measurement;
-    RefinedPose best;            // of the alignment from the prediction
-    Matrix6d filter_covariance;  // its covariance for the motion model
-    bool other = false;          // the image favours the other of two poses
+    RefinedPose best;            // pose of the alignment from the prediction
+    Matrix6d filter_covariance;  // covariance of that pose for the motion model
+    bool other = false;          // the second pose fits the image better
   };
   [[nodiscard]] std::optional<Followed> align_followed(const Frame& frame,
                                                        const MotionPrediction& prediction,
@@ -157,7 +157,7 @@ void RigidTagTracker::Impl::note_work(const AlignmentResult& result) {
                        !(options.pose_budget_px > 0.0);
 }
 
-// Input of an alignment that `pose` starts but does not constrain.
+// Returns the input of an alignment that starts at `pose`, with an uninformative prior.
 AlignmentInput RigidTagTracker::Impl::input_from(const MapFromCamera& pose) const {
   AlignmentInput input;
   input.luma = corners.frame().image();
@@ -190,7 +190,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   note_work(result);
   state.last_start_far = result.counters.far_start;
   state.last_contrast = result.verified ? result.counters.contrast : 0.0;
-  // No tag was detected at the hint: a few may fit by a map error, which a search would reveal.
+  // If few tags at an unconfirmed hint fit, the map may be wrong, which a search would reveal.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible)
     return std::nullopt;
   ImageMotion motion{motion_px, 0.0, {}};

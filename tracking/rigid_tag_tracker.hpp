@@ -20,7 +20,7 @@ namespace penumbra {
 struct TrackRequest {
   // Pose from another group's tracker: tried before tags are searched for.
   std::optional<MapFromCamera> hint;
-  bool hint_seen = false;                            // tags were found there a moment ago
+  bool hint_seen = false;                            // a recent search found tags at the hint
   bool search = true;                                // false: this frame is not searched
   SearchResolution finest = SearchResolution::full;  // finest resolution of a search
   bool begins_finest = false;                        // begin the search at that resolution
@@ -33,8 +33,8 @@ struct TrackedTags {
 
 class RigidTagTracker {
  public:
-  // Tracks the tags of the map's group `kTableGroup`, one at least. Trackers of one camera share
-  // the search of a frame.
+  // Tracks the tags of the map's group `kTableGroup`, which must have a tag. Trackers of one camera
+  // share the search of a frame.
   [[nodiscard]] static Result<RigidTagTracker> create(const CameraModel& camera, const TagMap& tags,
                                                       const TrackerOptions& options,
                                                       std::shared_ptr<TagSearch> search);
@@ -45,7 +45,7 @@ class RigidTagTracker {
   [[nodiscard]] TrackedTags track(const Frame& frame, const TrackRequest& request);
 
   // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with
-  // a reason. Does not change the tracked state, except that inconsistent tags stop guesses.
+  // a reason. Changes no tracked state, but inconsistent tags disable hints until the next search.
   [[nodiscard]] MapPoseEstimate locate(std::span<const TagDetection> detections);
 
  private:

@@ -20,12 +20,11 @@ struct RigidTags {
   [[nodiscard]] const MappedTag& operator[](int index) const {
     return tags[static_cast<std::size_t>(index)];
   }
-  // Number of tags that this pose shows from in front, inside the image, large enough to be read.
+  // Returns the number of tags that face the camera, inside the image, large enough to be read.
   [[nodiscard]] int in_view(const MapFromCamera& pose) const;
-  // Region of interest: the box about the tags with a margin; nothing where that is most of the
-  // image.
+  // Returns the box around the tags with a margin; nullopt if it covers most of the image.
   [[nodiscard]] std::optional<PixelBox> box_about(const MapFromCamera& pose) const;
-  // Mean distance between two poses' images of the corners of the verified tags [px].
+  // Returns the mean distance between the verified tags' corners, projected by two poses [px].
   [[nodiscard]] double corner_distance_px(const MapFromCamera& a, const MapFromCamera& b,
                                           std::span<const TagAlignment> seen) const;
 };
@@ -38,7 +37,7 @@ struct Alignment {
   AlignmentResult result = {};
 
   void run() { result = align(); }
-  // Aligns without these tags; does not change `result`. Sets input.rejected, also for later runs.
+  // Returns an alignment without these tags. Keeps `result`; sets input.rejected for later runs.
   [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
     input.rejected = rejected;
     return align();

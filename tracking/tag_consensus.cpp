@@ -19,7 +19,7 @@ int inconsistent_tags(const AlignmentResult& result, std::span<const TagObservat
   return count;
 }
 
-// Returns the RMS distance between each tag's own position and its position by the joint pose [px].
+// Returns the RMS displacement of tags that are aligned alone instead of jointly [px].
 double scatter_px(const RigidTags& group, const Alignment& joint) {
   const MapFromCamera& pose = joint.result.T_map_camera;
   Alignment alone{joint.aligner, joint.input, false};
@@ -81,8 +81,8 @@ bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
           (result.disagreement >= kDisagree && result.displacement_px >= kStrict_px));
 }
 
-// Rejects the tag without which all others agree. Tests each candidate from the pose by the others'
-// corners, because a pose that was fitted to the wrong tag may be a local minimum.
+// Rejects the tag whose removal makes all others agree. Tests each candidate from the pose by the
+// others' corners, because a pose that was fitted to the wrong tag may be a local minimum.
 void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObservation> detected,
                               Alignment& alignment) {
   constexpr std::size_t kMaxTries = 6;
@@ -92,7 +92,7 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
   std::vector<TagAlignment> candidates = result.tags;
   std::ranges::stable_sort(candidates, {}, &TagAlignment::weight_share);
   candidates.resize(std::min(candidates.size(), kMaxTries));
-  double least = kAgree;
+  double best_disagreement = kAgree;
   int outlier = -1;
   MapFromCamera best_start = alignment.input.predicted;
   for (const TagAlignment& candidate : candidates) {
@@ -105,11 +105,11 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
     const Result<BoardPose> start = estimate_board_pose(group.camera, others);
     if (!start || start->inconsistent || !start->best.T_map_camera.is_finite()) continue;
     alignment.input.predicted = start->best.T_map_camera;
-    const AlignmentResult rest = alignment.tried_without(without);
-    if (!rest.verified || rest.tags_verified < rest.counters.tags_in_image ||
-        !(rest.disagreement < least))
+    const AlignmentResult others_only = alignment.tried_without(without);
+    if (!others_only.verified || others_only.tags_verified < others_only.counters.tags_in_image ||
+        !(others_only.disagreement < best_disagreement))
       continue;
-    least = rest.disagreement;
+    best_disagreement = others_only.disagreement;
     outlier = candidate.index;
     best_start = alignment.input.predicted;
   }
@@ -138,9 +138,9 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
-  // Maximum errors of a joint pose and of one tag by lens, camera response and paper [px].
-  constexpr double kSuspicious_px = 0.3;
-  constexpr double kElsewhere_px = 0.5;
+  // Maximum displacements by lens, camera response and paper [px].
+  constexpr double kSuspicious_px = 0.3;  // of tags aligned together
+  constexpr double kElsewhere_px = 0.5;   // of tags aligned one by one
   if (!result.verified || result.disagreement < kDisagree ||
       result.displacement_px < kSuspicious_px)
     return true;

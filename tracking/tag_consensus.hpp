@@ -17,11 +17,11 @@ class TagConsensus {
   void begin(std::vector<int> rejected);
 
   // Rejects tags that are inconsistent with the others and aligns again. Returns false if it can't
-  // tell which are right. `detected`: tags detected in this frame, if the alignment started from
-  // them.
+  // decide which tags moved. `detected`: detected tags, if the alignment started from their
+  // corners.
   [[nodiscard]] bool settle(const RigidTags& group, std::span<const TagObservation> detected,
                             Alignment& alignment);
-  // Retests whether rejected tags agree with the others: now, or once in many calls.
+  // Retest whether rejected tags agree with the others: in every call, or once in many calls.
   void retest_rejected(Alignment& alignment);
   void retest_rejected_seldom(Alignment& alignment);
 
@@ -40,7 +40,7 @@ class TagConsensus {
   std::vector<int> rejected_;
   int frames_rejected_ = 0;  // frames since a tag was rejected or retested
   int frames_untested_ = 0;  // frames with disagreement in which tags were not tested one by one
-  int strict_frames_ = 0;    // remaining
+  int strict_frames_ = 0;    // number of strict frames that remain
 };
 
 }  // namespace penumbra

@@ -12,7 +12,7 @@ namespace penumbra {
 // Times of one frame. A wall time of 0 means that the stage did not run.
 struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
-  // CPU time of the calling thread, and of a background search.
+  // CPU times of the calling thread.
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0, solve_cpu_ms = 0.0;
   // Times of the background search whose tags this frame used. total_cpu_ms includes search_cpu_ms.
   double search_ms = 0.0, search_cpu_ms = 0.0;
@@ -24,9 +24,9 @@ struct TrackTimes {
   int samples = 0;              // pixels that the final alignment used
   // Tags of the map that the final alignment skipped.
   int tags_out_of_view = 0, tags_too_small = 0;
-  bool sampling_stopped = false;      // it used fewer pixels because the pose met its error budget
-  bool fewer_pixels = false;          // it used fewer pixels because the view moves
-  bool near_start = false;            // it skipped the wide stage because it started near the pose
+  bool sampling_stopped = false;      // the alignment met the error budget before using all pixels
+  bool fewer_pixels = false;          // the alignment used fewer pixels because the view moves
+  bool near_start = false;            // the alignment started near the pose, without the wide stage
   bool corner_solve_skipped = false;  // tags were detected, but Ceres did not refine their pose
 };
 
@@ -34,7 +34,7 @@ struct TrackedFrame {
   Frame frame;
   PoseEstimate pose;
   TrackTimes times;
-  std::vector<GroupEstimate> groups;  // other than the table, in the order of the tag map
+  std::vector<GroupEstimate> groups;  // groups other than the table, in the order of the tag map
   int groups_skipped = 0;             // groups that are not tracked because no caller needs them
 };
 

@@ -10,7 +10,7 @@ namespace penumbra {
 enum class TrackingMode {
   detect,     // detects tags in every frame (baseline)
   fast,       // aligns the tag pattern with a limited number of pixels
-  accurate,   // aligns it with every pixel at an edge, unless motion blurs the image
+  accurate,   // aligns the tag pattern with every pixel at an edge, unless motion blurs the image
   automatic,  // fast while the view moves; accurate if it rests or has fewer than three tags
 };
 
@@ -24,11 +24,11 @@ inline constexpr auto kTrackingModeNames =
 // When GroupTracker searches a frame for tags that it has lost.
 enum class SearchTiming {
   in_frame,  // the frame waits for the search
-  // Groups beside a tracked table: the frame after the search uses the result, the same on every
-  // machine. The table: in the frame.
+  // The next frame waits for the search, so that results do not depend on the machine. Tags of a
+  // lost table are searched for in_frame.
   next_frame,
-  // The frame that finds the search done uses the result. The table is searched for in the frame
-  // too, but at full resolution only where a search beside it has just found its tags.
+  // The first frame after the search ended uses the result. Tags of a lost table are also searched
+  // for in the frame, but at full resolution only after a background search found them.
   when_done,
 };
 
@@ -38,7 +38,7 @@ struct TrackerOptions {
   // mode; 0: no budget, only the limit of the mode.
   double pose_budget_px = 0.0;
   SearchTiming search_timing = SearchTiming::next_frame;
-  // next_frame: searches in a second thread, with the same poses. when_done always does.
+  // next_frame: searches in a second thread, with the same poses. when_done always uses one.
   bool search_thread = false;
   double hold_s = kHoldSeconds;  // maximum time to extrapolate a pose without a measurement [s]
 };
