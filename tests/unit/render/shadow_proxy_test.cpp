@@ -28,7 +28,8 @@ ShadowMesh bundled(const char* name) {
   return make_shadow_mesh(model.value());
 }
 
-// Agreement (IoU) of a layer on a raster four times finer than the one used for the decision.
+// Returns the intersection over union of a layer's two shadows, on a raster four times finer than
+// the raster with which the program decides whether to use the proxy.
 double agreement(const ShadowMesh& full, const ShadowProxy& proxy, double height,
                  ShadowLayer layer) {
   const PlaneFrame plane;
@@ -188,7 +189,7 @@ TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
   // Each of the three layers agrees to at least 0.98.
   EXPECT_LT(static_cast<double>(different), 0.06 * static_cast<double>(dark));
   EXPECT_GT(different, 0U) << "no reduced mesh was drawn";
-  // The choice is made once. It depends only on the tilt.
+  // The proxy is compared once, because the result depends only on the tilt.
   EXPECT_EQ(draw(studio, true), reduced);
   EXPECT_EQ(studio.stats()[Counter::proxy_checks], 0);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 1);

@@ -1,5 +1,5 @@
-// Work on the CPU after each kind of change between two frames (docs/shadows.md#own-frame), for
-// every technique. Also tests drawn shadow fields.
+// Tests what the CPU recomputes after each kind of change between two frames
+// (docs/shadows.md#own-frame), for every technique. Also tests drawn shadow fields.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -254,17 +254,17 @@ TEST(StoredKernels, RequireThicknessForFixedLight) {
 
 TEST(StoredKernels, KeepTheirKindForOtherTilts) {
   const Placement tilted = turned(test::at(0.0, 0.0, 0.08), {1, 0, 0}, 20.0 * kDegree);
-  const auto picture = [&](std::shared_ptr<const Model> model, KernelSource source) {
+  const auto draw = [&](std::shared_ptr<const Model> model, KernelSource source) {
     Stage stage(ShadowTechnique::layered, std::move(model), tilted, LightMode::proportional,
                 source);
     return stage.draw(tilted);
   };
-  const RenderedImage automatic = picture(l_model(), KernelSource::automatic);
-  const RenderedImage centroid = picture(l_model(), KernelSource::centroid);
+  const RenderedImage automatic = draw(l_model(), KernelSource::automatic);
+  const RenderedImage centroid = draw(l_model(), KernelSource::centroid);
   ASSERT_NE(automatic, centroid);
-  EXPECT_EQ(picture(l_with_stored_kernels("g-p-cocl"), KernelSource::automatic), centroid);
-  EXPECT_EQ(picture(l_with_stored_kernels("g-p-auto"), KernelSource::automatic), automatic);
-  EXPECT_EQ(picture(l_with_stored_kernels("g-p-smooth"), KernelSource::centroid), centroid)
+  EXPECT_EQ(draw(l_with_stored_kernels("g-p-cocl"), KernelSource::automatic), centroid);
+  EXPECT_EQ(draw(l_with_stored_kernels("g-p-auto"), KernelSource::automatic), automatic);
+  EXPECT_EQ(draw(l_with_stored_kernels("g-p-smooth"), KernelSource::centroid), centroid)
       << "a requested kind has priority";
 }
 
@@ -300,14 +300,14 @@ TEST(OwnFrame, ReproducesObjectPlacement) {
   }
 }
 
-// Evaluates the field at the point of the table behind each pixel.
+// Compares each pixel with the field's value at the pixel's point on the table.
 TEST(ShadowField, MatchesFieldValuesOnPlane) {
   const Placement unturned = test::at(0.0, 0.0, 0.09);
   const double yaw = 0.6;
   Placement placement = turned(unturned, Eigen::Vector3d::UnitZ(), yaw);
   placement.position += Eigen::Vector3d(0.013, -0.021, 0.0);
   Stage stage(ShadowTechnique::field, l_model(), placement);
-  const RenderedImage picture = stage.draw(placement);
+  const RenderedImage image = stage.draw(placement);
 
   const ShadowMesh mesh = make_shadow_mesh(*l_model());
   const PlaneFrame plane;
@@ -337,7 +337,7 @@ TEST(ShadowField, MatchesFieldValuesOnPlane) {
       constexpr std::array kLightLeft = {0.15, 0.4, 0.83, 1.0};
       const auto expected =
           static_cast<int>(std::lround(255.0 * std::pow(kLightLeft[layer], 1.0 / 2.2)));
-      differing += picture.red(x, y) != expected ? 1 : 0;
+      differing += image.red(x, y) != expected ? 1 : 0;
     }
   }
   for (std::size_t i = 0; i < 3; ++i) EXPECT_GT(size[i], 300) << i;
@@ -387,11 +387,11 @@ TEST(ShadowField, DrawsCompleteCardInPlaneDespiteRounding) {
     for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
       PlanOptions options;
       options.layers = layers;
-      const RenderedImage picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
+      const RenderedImage image = studio.draw_shadows(white(), studio.plan(overhead(), options));
       constexpr int kHalfUmbra = (255 + 107) / 2;  // value of a pixel on an edge
       int dark = 0;
       for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x) dark += picture.red(x, y) < kHalfUmbra ? 1 : 0;
+        for (int x = 0; x < kSide; ++x) dark += image.red(x, y) < kHalfUmbra ? 1 : 0;
       const double expected = 0.01 * normal.z() * 600.0 * 598.2;
       EXPECT_NEAR(dark, expected, 0.06 * expected) << angle;
     }

@@ -1,5 +1,5 @@
-// Positions computed by the vertex shader, read back by transform feedback and compared with exact
-// factors. The shader uses other formulas than the CPU.
+// Reads back the positions that the vertex shader computes (by transform feedback) and compares
+// them with exact layer factors. The shader uses other formulas than the CPU.
 #include <epoxy/gl.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -148,8 +148,9 @@ class PlaceReader {
 
 class ShadowShader : public testing::TestWithParam<GlApi> {};
 
-// Error bound for a vertex 1 m from its kernel, where the distance of its image from the kernel
-// equals the factor (docs/shadows.md#layers: error within 4e-7 (1 + |s|) H / (H - h)).
+// Returns the error bound of a projected vertex that is 1 m from its kernel. The distance of its
+// projection from the kernel equals the layer's factor s. H: height of the light, h: height of the
+// vertex [m] (docs/shadows.md#layers: error within 4e-7 (1 + |s|) H / (H - h)).
 double bound_of(double exact, double H, double h) {
   return 4e-7 * (1.0 + std::abs(exact)) * (std::isinf(H) ? 1.0 : H / (H - h));
 }
@@ -177,8 +178,8 @@ TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
   }
 }
 
-// Exact factors in long double for lights near, far and at the zenith. The heights cover each
-// layer's range and are close to both ends.
+// Computes exact factors in long double for lights that are near, far and at the zenith. The
+// heights are in each layer's range and close to its lower and upper end.
 TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   PlaceReader reader(GetParam());
   std::mt19937 random(11);
@@ -225,8 +226,8 @@ TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   RecordProperty("worst_share_of_the_bound", fmt::format("{:.3f}", worst));
 }
 
-// At the plane each layer equals the vertex, and at h_u the umbra equals the kernel: exactly, for
-// any rounding.
+// At the plane, the middle layer and the penumbra equal the vertex exactly, and the umbra equals it
+// up to rounding. At the umbra height, the umbra equals the kernel exactly.
 TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
   PlaceReader reader(GetParam());
   const double inf = std::numeric_limits<double>::infinity();

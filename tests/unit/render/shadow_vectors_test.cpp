@@ -44,6 +44,7 @@ std::vector<test::Ring> all_rings(const LayerOutline& outline) {
   return rings;
 }
 
+// Returns the signed area of a ring; adds its first moment to `moment`.
 double ring_moment(const test::Ring& ring, Eigen::Vector2d& moment) {
   double area = 0.0;
   for (std::size_t i = 0; i < ring.size(); ++i) {

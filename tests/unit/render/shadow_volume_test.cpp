@@ -36,14 +36,14 @@ constexpr int kSide = 240;
 Frame white(int side = kSide) {
   return test::plain_frame(side, side, 255);
 }
-SceneBuilder with_light(const Eigen::Vector3d& place,
+SceneBuilder with_light(const Eigen::Vector3d& position_or_direction,
                         SceneLight::Kind kind = SceneLight::Kind::point) {
   SceneBuilder builder;
   builder.scene().shadows[0].technique = ShadowTechnique::volume;
   SceneLight& light = builder.scene().lights.emplace_back();
   light.name = "lamp";
   light.kind = kind;
-  (kind == SceneLight::Kind::point ? light.position : light.direction) = place;
+  (kind == SceneLight::Kind::point ? light.position : light.direction) = position_or_direction;
   return builder;
 }
 ShadowMesh mesh_of(ShapeBuilder shape) {
@@ -51,7 +51,7 @@ ShadowMesh mesh_of(ShapeBuilder shape) {
 }
 const PlaneFrame kTable;
 
-// View from the right and above.
+// Returns a frame of the scene as seen from the right and above.
 std::vector<std::uint8_t> picture_of(const SceneBuilder& builder) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
   const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
@@ -212,11 +212,11 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
   EXPECT_GE(count, 3U);
 }
 
-// An axis-aligned box in the table frame, for ray tests.
+// A box with any placement in the table frame, for ray tests.
 struct Block {
   Placement placement;
   Eigen::Vector3d half;
-  // Smallest t greater than `min_distance` at which p + t d crosses the box's surface.
+  // Returns the smallest t above `min_distance` at which p + t d crosses the box's surface.
   [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d,
                            double min_distance) const {
     const Eigen::Vector3d from =
@@ -233,7 +233,7 @@ struct Block {
     if (enter > leave || leave <= min_distance) return std::numeric_limits<double>::infinity();
     return enter > min_distance ? enter : leave;
   }
-  // Normal of the box's face that contains this surface point.
+  // Returns the normal of the face that contains this surface point, in the table frame.
   [[nodiscard]] Eigen::Vector3d normal(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d at =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
@@ -245,20 +245,20 @@ struct Block {
   }
 };
 
-// Fraction of the red light at a point that comes from one light, by Lambert's law.
+// Returns the fraction of the red light at a point that comes from one light, by Lambert's law.
 double share_of(int light, const FramePlan& plan, const Scene& scene, const Eigen::Vector3d& place,
                 const Eigen::Vector3d& normal) {
   const double up = 0.5 + 0.5 * normal.z();
-  double all = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
-  double own = 0.0;
+  double total = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
+  double of_light = 0.0;
   for (std::size_t i = 0; i < plan.lights.size(); ++i) {
     const Eigen::Vector4d& at = plan.lights[i].place;
     const Eigen::Vector3d l = (at.head<3>() - at.w() * place).normalized();
     const double arriving = plan.lights[i].color.x() * std::max(0.0, normal.dot(l));
-    all += arriving;
-    if (static_cast<int>(i) == light) own = arriving;
+    total += arriving;
+    if (static_cast<int>(i) == light) of_light = arriving;
   }
-  return own / all;
+  return of_light / total;
 }
 
 struct View {
@@ -266,9 +266,9 @@ struct View {
   Eigen::Vector3d eye, target;
 };
 
-// The table, a phantom box, a virtual box and a caster of two boxes. Each pixel is compared with
-// the ray from its surface point to the light. Views are from outside, from within the shadow, and
-// with the near plane in the volume's side.
+// The scene has a table, a phantom box, a virtual box and two casters. Each pixel is compared with
+// the ray from its surface point to the light. The views are from outside, from within the shadow,
+// and with the near plane in the volume's side.
 class VolumeView : public testing::TestWithParam<std::tuple<View, bool>> {};
 INSTANTIATE_TEST_SUITE_P(
     Views, VolumeView,
@@ -342,7 +342,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
       bool blocked = false;
       for (const Block& block : casters)
         blocked = blocked || block.hit(place, to_light, 1e-9) < 1.0;
-      // A face turned away from the light receives none of it, so it can't lose any.
+      // A face that is turned away from the light receives no light, so it can't lose any.
       const Eigen::Vector3d normal =
           shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ();
       const double cosine = normal.dot(to_light.normalized());
@@ -373,7 +373,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
 }
 
 // Objects of an uncertain or coasting group are drawn faintly. So are their shadows and the shadows
-// on them. A pixel in two shadows shows the stronger one.
+// on them. A pixel in two shadows shows the stronger shadow.
 TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   const Eigen::Vector3d light(-0.15, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -465,8 +465,8 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   EXPECT_EQ(other, 0);
 }
 
-// Three lights, two casters and two nodes. The lights of a node act on its casters only. A pixel
-// that several lights don't reach loses the light of each once.
+// The scene has three lights, two casters and two nodes. The lights of a node act on its casters
+// only. If several lights do not reach a pixel, the pixel loses the light of each of them once.
 TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   const std::vector<Eigen::Vector3d> lights = {
       {-0.2, 0.05, 0.6}, {0.15, -0.25, 0.5}, {0.2, 0.3, 0.7}};
@@ -680,8 +680,8 @@ TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   EXPECT_EQ(picture_of(builder), volumes);
 }
 
-// Two lights, one with a projected shadow and one with a volume. A pixel in both shadows loses the
-// light of both.
+// One light has a projected shadow, the other a shadow volume. A pixel in both shadows loses the
+// light of both lights.
 TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
@@ -758,9 +758,9 @@ TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   sunk.name = "sunk";
   sunk.point.z() = -0.3;
   nodes.push_back(nodes[0]);
-  Studio one(builder.build(), test::camera_of(kSide, kSide, 260.0));
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
   const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-  const FramePlan twice = one.plan(pose);
+  const FramePlan twice = studio.plan(pose);
   EXPECT_EQ(twice.volumes.size(), 1U);
   EXPECT_EQ(twice.volumes[0].floors.size(), 1U);
   nodes[1].planes = {1};

@@ -199,14 +199,15 @@ double covered_fraction(const std::vector<PlanePoint>& faces, double cell, std::
 // Compares the coverage of every cell with the layer's faces, for closed bodies in random poses.
 TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   std::mt19937 random(5);
-  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   const auto small_torus = torus(6, 10);
-  const auto both = table_and_ball();
+  const auto two_parts = table_and_ball();
   for (int trial = 0; trial < 9; ++trial) {
-    const Eigen::Vector3d axis(one(random), one(random), one(random));
-    const Placed placed = place(trial % 3 == 0 ? *box() : *(trial % 3 == 1 ? small_torus : both),
-                                test::at(one(random), one(random), 0.12 + 0.03 * one(random), axis,
-                                         3.0 * one(random), 1.0 + 0.2 * one(random)));
+    const Eigen::Vector3d axis(uniform(random), uniform(random), uniform(random));
+    const Placed placed =
+        place(trial % 3 == 0 ? *box() : *(trial % 3 == 1 ? small_torus : two_parts),
+              test::at(uniform(random), uniform(random), 0.12 + 0.03 * uniform(random), axis,
+                       3.0 * uniform(random), 1.0 + 0.2 * uniform(random)));
     ShadowKernels kernels;
     kernels.kernels = placed.kernels;
     const std::vector<CasterVertex> vertices =
@@ -245,12 +246,13 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
 // rounding.
 TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
   std::mt19937 random(11);
-  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   constexpr double kCell = 0.006;
   for (int trial = 0; trial < 12; ++trial) {
-    Placed placed = place(trial % 2 == 0 ? *torus(8, 14) : *box(),
-                          test::at(one(random), one(random), trial % 3 == 0 ? 0.0 : 0.28,
-                                   {one(random), one(random), one(random)}, 3.0 * one(random)));
+    Placed placed =
+        place(trial % 2 == 0 ? *torus(8, 14) : *box(),
+              test::at(uniform(random), uniform(random), trial % 3 == 0 ? 0.0 : 0.28,
+                       {uniform(random), uniform(random), uniform(random)}, 3.0 * uniform(random)));
     std::vector<std::uint32_t> faces = placed.mesh.indices;
     if (trial % 4 > 1) faces.resize(faces.size() - 15);
     ShadowKernels kernels;
@@ -292,7 +294,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
       raster.begin(larger);
       raster.cover(cover);
       raster.finish(light, again.codes);
-      // Coverage of a window that only partly overlaps the raster.
+      // Checks the coverage in a window that overlaps only a part of the raster.
       MaskCells part = mask.cells;
       part.u += 3;
       part.v -= 2;
@@ -388,7 +390,7 @@ TEST(SilhouetteMask, IsEmptyWithoutCasters) {
   EXPECT_TRUE(caster.bounds().isEmpty());
   caster.project({}, {}, none.own, kConstants, {true, true, true}, 0.001);
   EXPECT_TRUE(caster.bounds().isEmpty());
-  // Far from the plane's origin the cells are the same, shifted.
+  // Far from the plane's origin, the mask has the same cells at shifted indices.
   const Mask near = draw({&none}, glm::vec3(0.0F, 0.5F, 0.8F), 0.001);
   Placed far = none;
   far.own.T_plane_own.displacement += Eigen::Vector2d(512.0, -256.0);
@@ -476,12 +478,12 @@ TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
 
 // ---- windows of a mask, and many sheets ----
 
-// Triangles in cells of one size, the same for all layers.
-constexpr double kUnit = 1.0 / 1024.0;  // keeps coordinates exact
-using Triangles = std::vector<Eigen::Vector2d>;
+constexpr double kUnit = 1.0 / 1024.0;  // cell size [m]; a power of two keeps coordinates exact
+using Triangles = std::vector<Eigen::Vector2d>;  // three corners per triangle [cells]
 OwnFrame unmoved() {
   return OwnFrame::make(Placement(), PlaneFrame(), 0.1, 26);
 }
+// Returns a caster that has the same triangles in every layer.
 MaskCaster caster_of(const Triangles& corners) {
   std::vector<PlanePoint> points;
   for (const Eigen::Vector2d& corner : corners)
@@ -610,16 +612,16 @@ TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
 // Meshes larger than any raster are compared with half planes, and windows with the whole raster.
 TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
-  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   const MaskCells cells{kUnit, -20, -15, 40, 30};
   MaskRaster raster;
   int edges = 0;
   for (const double extent : {3e3, 2e5, 1.9e6}) {
     for (int trial = 0; trial < 30; ++trial) {
-      // One side of the triangle runs close to the raster.
-      const Eigen::Vector2d along = Eigen::Vector2d(one(random), one(random)).normalized();
+      // One side of the triangle crosses the raster.
+      const Eigen::Vector2d along = Eigen::Vector2d(uniform(random), uniform(random)).normalized();
       const Eigen::Vector2d across(-along.y(), along.x());
-      const Eigen::Vector2d through(15.0 * one(random), 10.0 * one(random));
+      const Eigen::Vector2d through(15.0 * uniform(random), 10.0 * uniform(random));
       const auto rounded = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return (256.0 * p).array().round() / 256.0;
       };
@@ -629,7 +631,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
       const auto shares = shares_of(raster, cover, cells, cells);
-      // Corners, rounded to float.
+      // Rounds a corner to float, as caster_of() does.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
                                static_cast<double>(static_cast<float>(kUnit * p.y()))) /
@@ -683,7 +685,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
       body.indices.push_back(static_cast<std::uint32_t>(body.positions.size()) + index);
     body.positions.insert(body.positions.end(), mesh.positions.begin(), mesh.positions.end());
   }
-  const std::size_t of_first = body.positions.size() / 2;
+  const std::size_t first_box_vertices = body.positions.size() / 2;
   const auto edges = paired_edges(body.indices);
   ASSERT_TRUE(edges);
   MaskRaster raster;
@@ -699,23 +701,24 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
     SCOPED_TRACE(wrong);
     for (std::size_t axis = 0; axis < 2; ++axis) {
       Body broken = body;
-      for (std::size_t i = of_first; i < broken.positions.size(); ++i)
+      for (std::size_t i = first_box_vertices; i < broken.positions.size(); ++i)
         broken.positions[i][static_cast<int>(axis)] = wrong;
       const MaskCaster caster = broken.projected(kCell);
       EXPECT_LT(caster.bounds().sizes().maxCoeff(), std::int64_t{1} << 23);
-      const auto of_rest = shares(broken);
+      const auto remaining = shares(broken);
       int dark = 0;
-      for (std::size_t i = 0; i < of_rest.size(); ++i) {
-        const bool of_second = static_cast<int>(i / 4) % cells.width > 80;
-        ASSERT_EQ(of_rest[i], of_second ? 0 : all[i]) << i;
-        dark += of_rest[i] == 255 ? 1 : 0;
+      for (std::size_t i = 0; i < remaining.size(); ++i) {
+        const bool in_second_box = static_cast<int>(i / 4) % cells.width > 80;
+        ASSERT_EQ(remaining[i], in_second_box ? 0 : all[i]) << i;
+        dark += remaining[i] == 255 ? 1 : 0;
       }
       EXPECT_GT(dark, 2000);
       // If only one vertex is invalid, the coverage of the first box must remain.
       Body pierced = body;
       pierced.positions.back()[static_cast<int>(axis)] = wrong;
-      const auto of_more = shares(pierced);
-      for (std::size_t i = 0; i < of_more.size(); ++i) ASSERT_GE(of_more[i], of_rest[i]) << i;
+      const auto pierced_coverage = shares(pierced);
+      for (std::size_t i = 0; i < pierced_coverage.size(); ++i)
+        ASSERT_GE(pierced_coverage[i], remaining[i]) << i;
     }
   }
   Body nothing = body;
@@ -780,7 +783,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
       check([&](MaskRaster& to) { to.cover(many, {}, {}); }, shares, of_part);
-      // Several stored covers with fewer faces each.
+      // The same must hold for several stored covers with fewer faces each.
       MaskRaster of_one;
       MaskCover cover;
       of_one.begin(cells);
@@ -813,14 +816,14 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
 constexpr int kWidth = 320;
 constexpr int kHeight = 240;
 
-CameraModel camera(double times = 1.0) {
+CameraModel camera(double scale = 1.0) {
   CameraParameters p;
-  p.width = static_cast<int>(kWidth * times);
-  p.height = static_cast<int>(kHeight * times);
-  p.fx = p.fy = 420.0 * times;
+  p.width = static_cast<int>(kWidth * scale);
+  p.height = static_cast<int>(kHeight * scale);
+  p.fx = p.fy = 420.0 * scale;
   // Scales the view about the frame's corner, half a pixel before the centre of pixel (0, 0).
-  p.cx = (160.0 + 0.5) * times - 0.5;
-  p.cy = (120.0 + 0.5) * times - 0.5;
+  p.cx = (160.0 + 0.5) * scale - 0.5;
+  p.cy = (120.0 + 0.5) * scale - 0.5;
   return CameraModel::make(p).value();
 }
 CameraModel distorted_camera() {
@@ -989,7 +992,7 @@ int screen_door_index(int x, int y) {
 
 // Over white video, masks and direct drawing darken the same pixels, except near the edges of
 // layers. Near an edge, a pixel must be dark if the pattern of the lightest neighbouring layer
-// darkens it. It must be light if the pattern of the darkest one leaves it light.
+// darkens it. It must be light if the pattern of the darkest neighbouring layer leaves it light.
 TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
@@ -1181,13 +1184,13 @@ TEST_F(MaskByFaces, LeavesNoSeamAtMovingClipHeight) {
 TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
   Studio studio(objects, camera());
-  const RenderedImage asked = shadows(studio, by(LayerDrawing::mask));
+  const RenderedImage requested = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 0);
   ASSERT_EQ(studio.stats().skipped.size(), 1U);
   const SkippedPass& skipped = studio.stats().skipped[0];
   EXPECT_EQ(skipped.reason, SkipReason::mask_impossible);
   EXPECT_NE(text_of(skipped, *objects).find(objects->objects[0].name), std::string::npos);
-  EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
+  EXPECT_EQ(requested, shadows(studio, by(LayerDrawing::direct)));
   EXPECT_TRUE(studio.stats().skipped.empty()) << "no mask was requested";
 }
 
@@ -1279,7 +1282,8 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     Studio recreated(objects, camera());
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_drawn], c.automatic);
-    // Without motion no mask is drawn again. With reuse disabled all are, with the same result.
+    // Without motion, no mask is drawn again. With reuse disabled, every mask is drawn again and
+    // must be the same.
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_kept], 1);
@@ -1505,8 +1509,8 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
   }
 }
 
-// The frame must not depend on earlier frames. The nightly form draws every frame in each
-// translucency mode, the short form in one of them.
+// The frame must not depend on earlier frames. The nightly form draws every frame in every
+// translucency mode; the short form draws each frame in one mode.
 TEST_F(LargeMask, DependsOnlyOnCurrentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),

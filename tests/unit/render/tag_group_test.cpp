@@ -265,7 +265,7 @@ TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   EXPECT_GT(between, 500);
 }
 
-// Reuse as in docs/shadows.md#own-frame, for a moving plane instead of a moving object.
+// Tests the reuse of docs/shadows.md#own-frame for a moving plane instead of a moving object.
 TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   Studio studio(before_a_wall().build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);

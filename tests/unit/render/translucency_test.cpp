@@ -141,8 +141,8 @@ bool all_black_of_are_black_in(const RenderedImage& lighter, const RenderedImage
   }
   return true;
 }
-// Difference allowed between two shader programs: a GPU may round differently, software OpenGL does
-// not.
+// Returns the allowed difference between two shader programs: a GPU may round differently, software
+// OpenGL does not.
 int rounding_grey_levels(Studio& studio) {
   return studio.context().info().software ? 0 : 1;
 }
@@ -413,7 +413,7 @@ TEST(Retexture, FetchesEveryVideoFormat) {
   }
 }
 
-// Records OpenGL state at each draw call by replacing the driver's functions.
+// Counts of draw calls since the latest Watch was created.
 struct Watched {
   std::int64_t draws = 0, blended = 0, stencilled = 0;
 };
@@ -444,6 +444,7 @@ void draw_elements_instanced(GLenum mode, GLsizei count, GLenum type, const void
   watch();
   driver_draw_elements_instanced(mode, count, type, indices, instances);
 }
+// Replaces the driver's draw functions by functions that record the OpenGL state in `watched`.
 class Watch {
  public:
   Watch() {
@@ -568,8 +569,8 @@ TEST(Translucency, DrawsSameFrameOnBothApis) {
   }
 }
 
-// The strips are many pixels wide. They must cover the fraction of the layer's area that loses its
-// light.
+// The strips are many pixels wide. They must cover a fraction of the layer's area that equals the
+// fraction of light that the layer blocks.
 TEST(GeometryMesh, CoversPixelFractionOfBlockedLight) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));

@@ -75,7 +75,8 @@ TEST(Window, ShowsFrameUprightAndLetterboxed) {
     compositor.present();
     ASSERT_EQ(size.width, 300);
     ASSERT_EQ(size.height, 240);
-    // 300 x 200 in 300 x 240: 20 black rows above and below. Row 0 of a window is the lowest.
+    // The frame fills 300 x 200 of 300 x 240 px, with 20 black rows above and below it. Row 0 of a
+    // window is the lowest row.
     const auto value = [](int x, int y_from_bottom) {
       std::array<std::uint8_t, 4> pixel{};
       glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
