@@ -125,7 +125,7 @@ std::set<std::string> keys_of(const KeySource& source) {
 }
 
 TEST(Documents, DescribeEveryReportKey) {
-  // Words of printed tables, which the expressions match too.
+  // The expressions also match these words of printed tables.
   const std::set<std::string> no_keys = {"error", "s"};
   for (const KeySource& source : kKeySources) {
     std::set<std::string> keys = keys_of(source);
@@ -198,7 +198,7 @@ std::string problem_of(const std::string& target, const fs::path& file, const fs
              : name + ": no such heading";
 }
 
-// Returns the project's own files with one of these extensions.
+// Returns the project's files with one of these extensions, without generated and shared files.
 std::vector<fs::path> files_with(const std::set<std::string>& extensions) {
   static const std::set<std::string> kNotOurs = {"build", ".git", "recordings", "shared"};
   std::vector<fs::path> files;
