@@ -43,13 +43,13 @@ TEST_F(BoardPoseTest, EstimatesPoseFromTagSheet) {
 TEST_F(BoardPoseTest, RejectsMovedTag) {
   for (const std::size_t count : {3U, 4U, 12U}) {
     for (std::size_t moved = 0; moved < count; ++moved) {
-      std::vector<MappedTag> really = sheet();
-      really.resize(count);
-      auto map = really;
-      really[moved].T_table_tag = {
+      std::vector<MappedTag> actual = sheet();
+      actual.resize(count);
+      auto map = actual;
+      actual[moved].T_table_tag = {
           Eigen::Quaterniond(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitZ())),
-          really[moved].T_table_tag.translation() + Eigen::Vector3d(0.008, -0.005, 0.0)};
-      auto seen = observe(camera_, truth_, really, kNoise_px, random_);
+          actual[moved].T_table_tag.translation() + Eigen::Vector3d(0.008, -0.005, 0.0)};
+      auto seen = observe(camera_, truth_, actual, kNoise_px, random_);
       for (std::size_t i = 0; i < count; ++i) seen[i].corners_map = map[i].corners();
       const auto board = estimate_board_pose(camera_, seen);
       ASSERT_TRUE(board);
@@ -92,14 +92,14 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
 // Half of the board is shifted. No single tag is an outlier, and the residuals are small.
 TEST_F(BoardPoseTest, ReportsInconsistencyOfShiftedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
-    std::vector<MappedTag> really = sheet();
-    auto map = really;
-    for (std::size_t i = 0; i < really.size() / 2; ++i) {
-      really[i].T_table_tag = {
-          really[i].T_table_tag.rotation(),
-          really[i].T_table_tag.translation() + Eigen::Vector3d(0.006, 0.0, 0.0)};
+    std::vector<MappedTag> actual = sheet();
+    auto map = actual;
+    for (std::size_t i = 0; i < actual.size() / 2; ++i) {
+      actual[i].T_table_tag = {
+          actual[i].T_table_tag.rotation(),
+          actual[i].T_table_tag.translation() + Eigen::Vector3d(0.006, 0.0, 0.0)};
     }
-    auto bumped = observe(camera_, truth_, really, kNoise_px, random_);
+    auto bumped = observe(camera_, truth_, actual, kNoise_px, random_);
     for (std::size_t i = 0; i < map.size(); ++i) bumped[i].corners_map = map[i].corners();
     const auto board = estimate_board_pose(camera_, bumped);
     ASSERT_TRUE(board);
@@ -115,8 +115,8 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfShiftedHalfButNotOfNoise) {
 }
 
 TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
-  // The tag is 24 px wide and tilted by 20 degrees. In almost a third of the views, solvers choose
-  // the wrong one of its two poses. The result must mark each of these poses as ambiguous.
+  // The tag is 24 px wide and tilted by 20 degrees, so two poses fit. In almost a third of the
+  // views, solvers choose the wrong pose. The result must mark each wrong pose as ambiguous.
   int wrong = 0;
   constexpr int kTrials = 200;
   for (int i = 0; i < kTrials; ++i) {

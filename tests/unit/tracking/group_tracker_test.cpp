@@ -80,7 +80,7 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   EXPECT_LE(changes, 2) << "noise must not be treated as motion";
 }
 
-// The map has a wrong pose for the wall. The image shows the true one.
+// The map has a wrong pose for the wall; the image shows the wall at its true pose.
 TEST(GroupTracker, TracksMovedWall) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
@@ -128,7 +128,7 @@ TEST(GroupTracker, TracksHandHeldProp) {
 }
 
 // The group moves by a fraction of a pixel per frame, less than the measurement noise. Averaging
-// must not let the drawn pose lag by more than its bound.
+// must not let the drawn pose lag behind by more than 0.9 px.
 TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   const Stage stage({block()});
   GroupTracker tracker = stage.tracker();
@@ -215,7 +215,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   options.hold_s = 0.2;
   GroupTracker tracker = stage.tracker(options);
   for (int f = 0; f < 4; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
-  double promised = 0.0;
+  double previous_error_px = 0.0;
   int held = 0;
   GroupPose last;
   for (int f = 4; f < 20; ++f) {
@@ -228,8 +228,8 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
       ++held;
       EXPECT_NEAR(estimate.age_s, (f - 3) / 30.0, 1e-6);
       EXPECT_EQ(estimate.held_from, TrackStatus::tracked);
-      EXPECT_GT(estimate.predicted_overlay_error_px, promised);
-      promised = estimate.predicted_overlay_error_px;
+      EXPECT_GT(estimate.predicted_overlay_error_px, previous_error_px);
+      previous_error_px = estimate.predicted_overlay_error_px;
       if (held > 1) {
         EXPECT_EQ(estimate.T_table_group.matrix(), last.matrix()) << "the group was at rest";
       }
@@ -239,15 +239,16 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
     }
   }
   // The wall returns farther away than a search near its old pose covers.
-  const Placement there(turned(20.0, Eigen::Vector3d::UnitZ()), Eigen::Vector3d(0.05, 0.06, 0.0));
+  const Placement returned(turned(20.0, Eigen::Vector3d::UnitZ()),
+                           Eigen::Vector3d(0.05, 0.06, 0.0));
   int frames = 0;
   bool found = false;
   for (int f = 20; f < 32 && !found; ++f, ++frames) {
-    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", there}}));
-    const GroupEstimate& estimate = group_named(tracked, "wall");
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", returned}}));
+    const GroupEstimate& estimate = named(tracked, "wall");
     found = estimate.status == TrackStatus::tracked;
     if (found) {
-      EXPECT_LT(stage.error_px(tracked, estimate, f, there), 0.5);
+      EXPECT_LT(stage.error_px(tracked, estimate, f, returned), 0.5);
     }
   }
   EXPECT_TRUE(found);
@@ -353,7 +354,7 @@ Arrival arrive(const ArrivalScenario& arriving, const TrackerOptions& options,
   return arrival;
 }
 
-// Duration of a frame with searches for all groups, under the machine's present load.
+// Returns the duration of a frame with searches for all groups, under the machine's present load.
 Duration search_duration(const ArrivalScenario& arriving) {
   TrackerOptions options;
   options.search_timing = SearchTiming::in_frame;
@@ -373,16 +374,16 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
   const Arrival beside = arrive(shown, options);
   options.search_thread = true;
   const Arrival threaded = arrive(shown, options);
-  int came = 0;
-  int waited = 0;
+  int searches_used = 0;
+  int searches_in_frame = 0;
   for (std::size_t f = 1; f < beside.frames.size(); ++f) {
     SCOPED_TRACE(f);
     const TrackedFrame& frame = beside.frames[f];
     EXPECT_EQ(frame.pose.status, TrackStatus::tracked);
     EXPECT_FALSE(frame.times.full_detection);
     EXPECT_EQ(frame.times.detect_ms, 0.0);
-    came += frame.times.search_used ? 1 : 0;
-    waited += waiting.frames[f].times.full_detection ? 1 : 0;
+    searches_used += frame.times.search_used ? 1 : 0;
+    searches_in_frame += waiting.frames[f].times.full_detection ? 1 : 0;
     for (const char* group : {"wall", "block"}) {
       SCOPED_TRACE(group);
       const GroupEstimate& a = group_named(frame, group);
@@ -413,8 +414,8 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
       }
     }
   }
-  EXPECT_GE(came, 2);
-  EXPECT_GE(waited, 2);
+  EXPECT_GE(searches_used, 2);
+  EXPECT_GE(searches_in_frame, 2);
   for (const char* group : {"wall", "block"}) {
     const int in_frame = waiting.first_tracked(group);
     ASSERT_GE(in_frame, kArrives) << group;
@@ -444,8 +445,8 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
     EXPECT_EQ(live.frames[f].times.detect_ms, 0.0);
   }
   // Without waiting, the table may be found some frames late, because the full-resolution search
-  // runs in the background. It must then stay tracked. The tracker may be destroyed during a
-  // search.
+  // runs in the background. Once found, the table must stay tracked. The tracker may be destroyed
+  // during a search.
   const Arrival hurried = arrive(shown, options);
   bool found = false;
   for (const TrackedFrame& frame : hurried.frames) {

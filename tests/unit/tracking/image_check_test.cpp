@@ -1,5 +1,4 @@
-// Occasional checks recognise mirrored and negative images of a board. They must not report other
-// images.
+// The checks recognise mirrored and negative images of a board. They must not report other images.
 #include "tracking/detection/image_check.hpp"
 
 #include <gmock/gmock.h>

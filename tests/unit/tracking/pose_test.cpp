@@ -154,13 +154,13 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
     }
     constexpr double kFreedom = 2 * 48 - 6;
     const double expected = 6.0 * kFreedom / (kFreedom - 2.0) / (1.0 + std::sqrt(2.0 / kFreedom));
-    // The standard deviation over 400 trials is sqrt(2 * 6 / 400) = 0.17; the tolerance is four of
-    // them.
+    // The standard deviation over 400 trials is sqrt(2 * 6 / 400) = 0.17; the tolerance is four
+    // standard deviations.
     EXPECT_NEAR(sum / kTrials, expected, 0.7) << noise;
   }
 }
 
-// Reprojection residual for Ceres, differentiated numerically.
+// Reprojection residual of one point, which Ceres differentiates numerically.
 struct Reprojection {
   const CameraModel& camera;
   const MapFromCamera& pose;
@@ -218,7 +218,7 @@ TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
   std::mt19937 random(10);
   const std::vector<MappedTag> one = {flat_tag(0, 0.0, 0.0, 0.06)};
   double error2 = 0.0;
-  double promised2 = 0.0;
+  double predicted2 = 0.0;
   for (int i = 0; i < 300; ++i) {
     const CameraPose truth = looking_at_origin(0.4, 0.8, 0.02 * i, 0.01 * i);
     const auto points = points_of(observe(camera, truth, one, 0.3, random));
@@ -227,10 +227,10 @@ TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
     const double e = overlay_difference(camera, refined->T_map_camera, as_map_pose(truth)).rms_px();
     const double p = predicted_overlay_error_px(camera, refined->T_map_camera, refined->covariance);
     error2 += e * e;
-    promised2 += p * p;
+    predicted2 += p * p;
   }
-  EXPECT_LT(std::sqrt(error2 / promised2), 1.15);
-  EXPECT_GT(std::sqrt(error2 / promised2), 0.4) << "the prediction is far too large";
+  EXPECT_LT(std::sqrt(error2 / predicted2), 1.15);
+  EXPECT_GT(std::sqrt(error2 / predicted2), 0.4) << "the prediction is far too large";
 }
 
 TEST(PoseRefiner, RejectsDegenerateInput) {

@@ -44,14 +44,14 @@ TEST(RigidTagTracker, ReturnsReasonWithoutPose) {
   const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
   EXPECT_EQ(nothing.status, TrackStatus::lost);
   EXPECT_THAT(text_of(nothing.reason), testing::HasSubstr("no tag"));
-  const PoseEstimate tag_size_error_of = tracker.track(grey_frame(320, 240, 1)).pose;
-  EXPECT_EQ(tag_size_error_of.status, TrackStatus::lost);
-  EXPECT_THAT(text_of(tag_size_error_of.reason),
+  const PoseEstimate wrong_size = tracker.track(grey_frame(320, 240, 1)).pose;
+  EXPECT_EQ(wrong_size.status, TrackStatus::lost);
+  EXPECT_THAT(text_of(wrong_size.reason),
               testing::AllOf(testing::HasSubstr("320x240"), testing::HasSubstr("640x480")));
   EXPECT_EQ(tracker.track(Frame{}).pose.status, TrackStatus::lost);
 }
 
-// Fixture with the first frames of the bundled recording `tabletop`.
+// Fixture with the bundled recording `tabletop`.
 class RigidTagTrackerOnTabletop : public testing::Test {
  protected:
   void SetUp() override {
@@ -94,20 +94,22 @@ TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
     EXPECT_GE(tracked.times.total_cpu_ms, tracked.times.detect_cpu_ms + tracked.times.solve_cpu_ms);
   }
   const std::int64_t last = listed_[kSeen - 1].timestamp_ns;
-  const CameraPose still = tracker.track(frame(kSeen)).pose.T_table_camera;
-  double promised = 0.0;
+  const CameraPose last_measured = tracker.track(frame(kSeen)).pose.T_table_camera;
+  double previous_error_px = 0.0;
   for (std::size_t i = kSeen + 1; i < kSeen + 7; ++i) {
     const PoseEstimate held = tracker.track(grey_frame(640, 480, listed_[i].timestamp_ns)).pose;
     ASSERT_EQ(held.status, TrackStatus::held);
     EXPECT_NEAR(held.age_s, seconds(listed_[i].timestamp_ns - listed_[kSeen].timestamp_ns), 1e-12);
     EXPECT_THAT(text_of(held.reason), testing::HasSubstr("no tag"));
-    EXPECT_GT(held.predicted_overlay_error_px, promised) << "the predicted error must grow";
-    promised = held.predicted_overlay_error_px;
+    EXPECT_GT(held.predicted_overlay_error_px, previous_error_px)
+        << "the predicted error must grow";
+    previous_error_px = held.predicted_overlay_error_px;
     if (i == kSeen + 2) {
       // The extrapolated pose must be closer to the truth than the most recent measured pose.
       const std::int64_t time = listed_[i].timestamp_ns;
-      EXPECT_LT(error_px(held, time),
-                overlay_difference(*camera_, still, truth_.at(time)->T_table_camera).rms_px());
+      EXPECT_LT(
+          error_px(held, time),
+          overlay_difference(*camera_, last_measured, truth_.at(time)->T_table_camera).rms_px());
     }
   }
   const PoseEstimate lost = tracker.track(grey_frame(640, 480, last + 2'000'000'000)).pose;
@@ -230,7 +232,7 @@ TEST_F(RigidTagTrackerOnTabletop, IsDeterministic) {
     auto a = GroupTracker::create(*camera_, *map_, options).value();
     auto b = GroupTracker::create(*camera_, *map_, options).value();
     for (std::size_t i = 0; i < 8; ++i) {
-      // One grey frame, so that the test includes recovery.
+      // Frame 3 shows no tags, so that the test includes recovery.
       const Frame shown = i == 3 ? grey_frame(640, 480, listed_[i].timestamp_ns) : frame(i);
       const PoseEstimate x = a.track(shown).pose;
       const PoseEstimate y = b.track(shown).pose;
@@ -331,13 +333,13 @@ TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     TrackerOptions options;
     options.mode = TrackingMode::fast;
-    auto knows = GroupTracker::create(session.camera, map, options).value();
-    auto does_not = GroupTracker::create(session.camera, map, options).value();
+    auto exposure_known = GroupTracker::create(session.camera, map, options).value();
+    auto exposure_unknown = GroupTracker::create(session.camera, map, options).value();
     for (int f = 0; f < 16; ++f) {
       Frame frame = session.picture(renderer, f);
-      const PoseEstimate a = does_not.track(frame).pose;
+      const PoseEstimate a = exposure_unknown.track(frame).pose;
       frame.exposure_s = session.exposure_s;
-      const PoseEstimate b = knows.track(frame).pose;
+      const PoseEstimate b = exposure_known.track(frame).pose;
       ASSERT_EQ(b.status, TrackStatus::tracked) << f << ": " << text_of(b.reason);
       if (f < 3 || a.status != TrackStatus::tracked) continue;
       const auto square = [&](const PoseEstimate& pose) {

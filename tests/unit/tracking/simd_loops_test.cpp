@@ -53,7 +53,7 @@ void set_pose(const Eigen::Isometry3d& T, AccumulateInput& in) {
   for (int k = 0; k < 3; ++k) in.centre[k] = static_cast<float>(centre[k]);
 }
 
-// Random samples over the lattice, with random patterns.
+// Samples whose arrays are allocated and filled with zeros.
 struct SampleSet {
   std::vector<std::vector<float>> arrays;
   std::vector<std::int32_t> vertex;
@@ -75,6 +75,7 @@ struct SampleSet {
   }
 };
 
+// Returns samples at random points of the lattice, with random pattern coefficients.
 SampleSet random_samples(int count, const Eigen::Isometry3d& T, float correlation) {
   SampleSet set(count);
   std::mt19937 random(5);
@@ -150,7 +151,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
   }
 }
 
-// First, middle and last moment of an exposure during which the camera moves by `motion`.
+// Returns inputs for the first, middle and last moment of an exposure with this camera motion.
 constexpr int kMoments = 3;
 std::array<AccumulateInput, kMoments> moments_of(const Eigen::Isometry3d& T, const Vector6d& motion,
                                                  const AccumulateInput& in) {
@@ -235,8 +236,8 @@ TEST(SimdLoops, EvaluateOfSeveralMomentsIsMeanOfEachMoment) {
   }
 }
 
-// Without correlation the bivariate distribution is a product. If other lines are far away, the
-// nearest vertex alone determines the value.
+// With a correlation of zero, the bivariate distribution is the product of two normal
+// distributions.
 TEST(SimdLoops, ModelsOfAllNeighbourhoodsAgreeForDistantLines) {
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
@@ -256,7 +257,8 @@ TEST(SimdLoops, ModelsOfAllNeighbourhoodsAgreeForDistantLines) {
 }
 
 TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
-  // Sums P(X < x, Y < y) over a fine grid, for comparison with the loop at a single corner.
+  // The coefficients describe a single corner, so the model value is P(X < x, Y < y). The test
+  // integrates this probability numerically.
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
@@ -636,7 +638,8 @@ TEST(SimdLoops, LensMatchesCameraModel) {
 // Compares the pixels near edges with those of a loop in double precision.
 TEST(SimdLoops, EdgeWalkSelectsPixelsNearEdge) {
   const Eigen::Isometry3d T = lattice_pose();
-  // Edges along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9. The same edges along b.
+  // The edges along a are at b = 3 from 1 to 4 and at b = 7 from 2 to 9. For edges along b, a and b
+  // are exchanged.
   std::vector<simd::Walk::Cell> cells;
   for (const auto& [from, to, across, run] : {std::array{1, 4, 3, 5}, std::array{2, 9, 7, 8}}) {
     for (int cell = from; cell < to; ++cell)
@@ -1018,7 +1021,7 @@ TEST(SimdLoops, PixelsOfCellsAreNearestPixels) {
 TEST(SimdLoops, PackedTagsMatchSingleTags) {
   std::mt19937 random(21);
   std::normal_distribution<double> n(0.0, 1.0);
-  constexpr std::size_t kRejected = 2;  // index in the second pack; no later tag is used either
+  constexpr std::size_t kRejected = 2;  // first lane of the second pack without a valid tag
   std::array<simd::TagPack, 2> packs;
   struct Tag {
     Eigen::Matrix<double, 8, 8> H;
@@ -1065,7 +1068,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     pack.side_cells[lane] = tag.side;
     tags.push_back(tag);
   }
-  // One tag has too few samples, the next a value that is not finite.
+  // Lane kRejected has too few samples; the next lane has a value that is not finite.
   packs[1].weight[kRejected] = 3.0;
   packs[1].weight[3] = 100.0;
   packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();

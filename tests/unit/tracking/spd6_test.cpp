@@ -11,8 +11,8 @@
 namespace penumbra {
 namespace {
 
-// A = Q diag Q^T with the given condition number, then scaled as if rows were in metres and
-// radians.
+// Returns Q diag Q^T with up to the given condition number, with the first three rows and columns
+// scaled like translations relative to rotations.
 Matrix6d random_spd(std::mt19937_64& random, double condition, double scale) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
@@ -35,7 +35,7 @@ TEST(Spd6, MatchesAccuracyOfPivotedLdlt) {
   for (const double condition : {1.0, 1e3, 1e6, 1e10}) {
     for (const double scale : {1.0, 1e-4, 1e6}) {
       SCOPED_TRACE(testing::Message() << condition << " " << scale);
-      double own = 0.0;
+      double ours = 0.0;
       double theirs = 0.0;
       for (int k = 0; k < 200; ++k) {
         const Matrix6d A = random_spd(random, condition, scale);
@@ -52,12 +52,12 @@ TEST(Spd6, MatchesAccuracyOfPivotedLdlt) {
                   unit.cwiseInverse().asDiagonal())
                      .norm();
         };
-        own = std::max(own, off(solve_spd(A, b), inverse_of_spd(A)));
+        ours = std::max(ours, off(solve_spd(A, b), inverse_of_spd(A)));
         const Eigen::LDLT<Matrix6d> ldlt(A);
         theirs = std::max(theirs, off(ldlt.solve(b), ldlt.solve(Matrix6d::Identity())));
       }
-      EXPECT_LT(own, 4.0 * theirs);
-      EXPECT_LT(own, 1e-14 * condition + 1e-13);
+      EXPECT_LT(ours, 4.0 * theirs);
+      EXPECT_LT(ours, 1e-14 * condition + 1e-13);
     }
   }
 }
@@ -74,7 +74,7 @@ TEST(Spd6, ReadsLowerTriangleAndReturnsSymmetricInverse) {
   EXPECT_TRUE(inverse_of_spd(A) == inverse_of_spd(A).transpose());
 }
 
-// For a matrix that is not positive definite the result is that of LDLT, or none if LDLT fails.
+// For a matrix that is not positive definite, the result equals that of LDLT, including NaN.
 TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
   std::mt19937_64 random(5);
   const Vector6d b = Vector6d::LinSpaced(1.0, 2.0);
@@ -98,7 +98,7 @@ TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
   }
 }
 
-// Scales range from an accuracy of nanometres to an undetermined rotation.
+// The results must neither overflow nor underflow for very small and very large matrices.
 TEST(Spd6, CoversRangeOfDoubles) {
   for (const double size : {1e-150, 1e-30, 1e30, 1e150}) {
     SCOPED_TRACE(size);

@@ -109,10 +109,10 @@ TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   render.background = render.white;  // hides the sheet's edge
   render.samples = 4096;
   render.lens_blur_px = 0.9;
-  const std::vector<MappedTag> one = {tags_[4]};
-  auto renderer = PatternRenderer::create(camera_, one).value();
+  const std::vector<MappedTag> single_tag = {tags_[4]};
+  auto renderer = PatternRenderer::create(camera_, single_tag).value();
   const CameraPose pose = random_view(random_);
-  const auto exact = test::light_derivatives(camera_, one, pose, render);
+  const auto exact = test::light_derivatives(camera_, single_tag, pose, render);
   const auto product = [](const std::vector<double>& a, const std::vector<double>& b) {
     return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
   };
@@ -212,40 +212,40 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
     return predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
   };
   // The smallest budget is below the error that is reached with all pixels.
-  int asked = 0;
+  int queries = 0;
   int before = 0;
-  for (const double times : {8.0, 4.0, 2.0, 1.2, 0.5}) {
-    const double budget_px = times * expected_px(all);
+  for (const double factor : {8.0, 4.0, 2.0, 1.2, 0.5}) {
+    const double budget_px = factor * expected_px(all);
     aligner.set_sample_need([&](const AlignmentResult& result) {
-      ++asked;
+      ++queries;
       EXPECT_FALSE(result.verified) << "tags are decoded only after sampling";
       return std::pow(expected_px(result) / budget_px, 2);
     });
     const AlignmentResult result = align(aligner, image, start, 2.0);
-    ASSERT_TRUE(result.verified) << times;
+    ASSERT_TRUE(result.verified) << factor;
     EXPECT_GE(result.counters.samples, 0.999 * before);
     before = result.counters.samples;
     EXPECT_LT(overlay_px(result.T_map_camera, truth),
-              4.0 * std::max(1.0, times) * expected_px(all));
-    if (times > 1.0) {
-      EXPECT_TRUE(times < 2.0 || result.counters.sampling_stopped) << times;
-      EXPECT_LT(expected_px(result), budget_px) << times;
+              4.0 * std::max(1.0, factor) * expected_px(all));
+    if (factor > 1.0) {
+      EXPECT_TRUE(factor < 2.0 || result.counters.sampling_stopped) << factor;
+      EXPECT_LT(expected_px(result), budget_px) << factor;
     } else {
       // The set of edge pixels at the start of the final round may differ by a few pixels.
       EXPECT_FALSE(result.counters.sampling_stopped);
       EXPECT_NEAR(result.counters.samples, all.counters.samples, 0.001 * all.counters.samples);
     }
-    if (times == 4.0) {
+    if (factor == 4.0) {
       EXPECT_LT(result.counters.samples, all.counters.samples / 3);
     }
   }
-  EXPECT_GE(asked, 5);
+  EXPECT_GE(queries, 5);
   // If the first round already has more samples than the budget needs, the aligner queries the need
   // only once.
   const double budget_px = 2.0 * expected_px(all);
-  asked = 0;
+  queries = 0;
   aligner.set_sample_need([&](const AlignmentResult& result) {
-    ++asked;
+    ++queries;
     return std::pow(expected_px(result) / budget_px, 2);
   });
   AlignmentInput input;
@@ -253,9 +253,9 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   input.predicted = as_map_pose(start);
   input.covariance = loose_prior(0.0007 * 2.0, 0.0012 * 2.0);
   input.first_samples = 5 * aligner.align(input).counters.samples / 4;
-  asked = 0;
+  queries = 0;
   ASSERT_TRUE(aligner.align(input).verified);
-  EXPECT_EQ(asked, 1);
+  EXPECT_EQ(queries, 1);
 }
 
 TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
@@ -384,8 +384,8 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
 // The predicted error of the pattern search must hold for every layout and cell size: also if the
 // narrow window truncates the score's peak, and if a row of tags may rotate about its axis.
 TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
-  // Images per layout. The RMS of 12 errors has a relative standard deviation of 1 / sqrt(2 * 12) =
-  // 20 %. The bound of 1.3 is 20 % above the largest RMS over 24 images, 1.07.
+  // Number of images per layout. The RMS of 12 errors has a relative standard deviation of
+  // 1 / sqrt(2 * 12) = 20 %. The bound of 1.3 is 20 % above the largest RMS over 24 images, 1.07.
   const int kPictures = test::nightly() ? 24 : 12;
   for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
                                               std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
@@ -395,7 +395,7 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
     auto aligner = TagAligner::create(camera_, tags).value();
     AlignmentProblem problem = AlignmentProblem::make(camera_, tags, {}).value();
     PatternSearch search(problem);
-    std::vector<double> times;
+    std::vector<double> ratios;
     int unknown = 0;
     for (int k = 0; k < kPictures; ++k) {
       const CameraPose truth = random_view(random_);
@@ -427,9 +427,9 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
           if (at && by_search) worst_px = std::max(worst_px, (*at - *by_search).norm());
         }
       }
-      times.push_back(worst_px / search.error_px());
+      ratios.push_back(worst_px / search.error_px());
     }
-    const Statistics s = statistics_of(times);
+    const Statistics s = statistics_of(ratios);
     RecordProperty(fmt::format("of_{}_x_{}_of_{}_m", columns, rows, size_m),
                    fmt::format("unknown {}, rms {:.2f}, max {:.2f}", unknown, s.rmse, s.max));
     EXPECT_LE(unknown, kPictures / 2);
@@ -506,11 +506,11 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
         uneven.pixels.push_back(grey(linear * lights[nearest]));
       }
     }
-    for (Errors& of : errors) {
+    for (Errors& sums : errors) {
       AlignmentOptions options;
-      options.effort = of.effort;
+      options.effort = sums.effort;
       auto aligner = TagAligner::create(camera_, tags_, options).value();
-      of.even2 += std::pow(overlay_px(align(aligner, even, start, 3.0).T_map_camera, truth), 2);
+      sums.even2 += std::pow(overlay_px(align(aligner, even, start, 3.0).T_map_camera, truth), 2);
       const AlignmentResult result = align(aligner, uneven, start, 3.0);
       ASSERT_TRUE(result.verified) << result.reason;
       EXPECT_EQ(result.tags_verified, 6);
@@ -519,11 +519,11 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
             255.0 * (render.white - render.black) * lights[static_cast<std::size_t>(tag.index)];
         EXPECT_NEAR(tag.gain, contrast, 0.05 * contrast) << tag.index;
       }
-      of.uneven2 += std::pow(overlay_px(result.T_map_camera, truth), 2);
+      sums.uneven2 += std::pow(overlay_px(result.T_map_camera, truth), 2);
     }
   }
   // The darkest tags carry less information, so the error increases.
-  for (const Errors& of : errors) EXPECT_LT(std::sqrt(of.uneven2), 3.0 * std::sqrt(of.even2));
+  for (const Errors& sums : errors) EXPECT_LT(std::sqrt(sums.uneven2), 3.0 * std::sqrt(sums.even2));
 }
 
 // The camera rotates by up to 110 px between two frames, and rolls.
@@ -531,8 +531,8 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   constexpr int kPictures = 24;
-  int near_by_itself = 0;
-  int near_coarsely = 0;
+  int found_directly = 0;
+  int found_by_pyramid = 0;
   for (int k = 0; k < kPictures; ++k) {
     SCOPED_TRACE(k);
     const CameraPose truth = random_view(random_);
@@ -550,7 +550,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
     input.luma = image.view();
     input.predicted = as_map_pose(perturbed(truth, turned));
     input.covariance = loose_prior(0.05, 0.1);
-    near_by_itself += aligner.align(input).verified ? 1 : 0;
+    found_directly += aligner.align(input).verified ? 1 : 0;
     for (const bool further : {false, true}) {
       const std::optional<MapFromCamera> guess = aligner.search_pyramid(input, further);
       if (!guess) continue;
@@ -559,13 +559,13 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
       const AlignmentResult result = aligner.align(from_guess);
       if (!result.verified) continue;
       EXPECT_LT(overlay_px(result.T_map_camera, truth), 0.3);
-      ++near_coarsely;
+      ++found_by_pyramid;
       break;
     }
   }
-  EXPECT_LT(near_by_itself, kPictures / 3)
+  EXPECT_LT(found_directly, kPictures / 3)
       << "without the pyramid, most starts must be too far away";
-  EXPECT_GE(near_coarsely, kPictures - 2);
+  EXPECT_GE(found_by_pyramid, kPictures - 2);
 }
 
 TEST_F(TagAlignerTest, PyramidSearchStopsAtSmallestImage) {
@@ -591,7 +591,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsNoPoseWithoutTags) {
   EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
-// Images smaller than the search window, and smaller than a pixel of the pyramid level.
+// Tests images that are smaller than the search window or than a pixel of the pyramid level.
 TEST_F(TagAlignerTest, PyramidSearchAcceptsImagesOfAnySize) {
   std::uniform_int_distribution<int> grey(0, 255);
   for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
@@ -773,18 +773,18 @@ TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   }
 }
 
-// With a blur of several cells, many poses along it explain the image. With a blur shorter than a
-// cell, or without visible blur, only one does.
+// With a blur of several cells, many poses along the motion explain the image. With a blur shorter
+// than a cell, or without visible blur, only one pose does.
 TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
-  const auto blur_error_px = [&](double moved_px, double taken_for_px, bool known) {
+  const auto blur_error_px = [&](double moved_px, double reported_px, bool known) {
     const CameraPose truth = random_view(random_);
-    const Vector6d motion = random_motion(truth, taken_for_px);
+    const Vector6d motion = random_motion(truth, reported_px);
     PatternRenderOptions render;
     render.noise_grey = 2.0;
     render.samples = 96;
     const GreyImage image =
-        blurred_image(renderer_, truth, moved_px / taken_for_px * motion, render);
+        blurred_image(renderer_, truth, moved_px / reported_px * motion, render);
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = as_map_pose(truth);
@@ -809,7 +809,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     return std::optional(error_px);
   };
   int unknowns = 0;
-  double least_unknown = 1e3;
+  double min_unknown = 1e3;
   for (int k = 0; k < (test::nightly() ? 5 : 2); ++k) {
     SCOPED_TRACE(k);
     EXPECT_EQ(blur_error_px(4.0, 4.0, true), 0.0);
@@ -828,11 +828,11 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     const std::optional<double> unknown = blur_error_px(34.0, 40.0, false);
     if (!unknown) continue;
     ++unknowns;
-    least_unknown = std::min(least_unknown, *unknown);
+    min_unknown = std::min(min_unknown, *unknown);
     EXPECT_LT(*unknown, 40.0 / std::sqrt(12.0));
   }
   EXPECT_GE(unknowns, 2);
-  EXPECT_GT(least_unknown, 0.5);
+  EXPECT_GT(min_unknown, 0.5);
 }
 
 // The error that blur adds to a pose must equal that of poses from tags displaced independently
@@ -861,17 +861,19 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
     for (int draw = 0; draw < kDraws; ++draw) {
       std::vector<TagObservation> seen;
       for (const TagAlignment& tag : result.tags) {
-        TagObservation of;
-        of.index = tag.index;
-        of.corners_map = tags_[static_cast<std::size_t>(tag.index)].corners();
+        TagObservation observation;
+        observation.index = tag.index;
+        observation.corners_map = tags_[static_cast<std::size_t>(tag.index)].corners();
         const auto at = [&](double fraction, const Eigen::Vector3d& point) {
           return camera_.project(perturbed(pose, fraction * motion).inverse() * point).value();
         };
-        const Eigen::Vector3d centre = 0.5 * (of.corners_map[0] + of.corners_map[2]);
-        const Eigen::Vector2d by =
+        const Eigen::Vector3d centre =
+            0.5 * (observation.corners_map[0] + observation.corners_map[2]);
+        const Eigen::Vector2d shift_px =
             kPart * each_px * normal(random_) * (at(0.1, centre) - at(-0.1, centre)).normalized();
-        for (std::size_t c = 0; c < 4; ++c) of.corners_px[c] = at(0.0, of.corners_map[c]) + by;
-        seen.push_back(of);
+        for (std::size_t c = 0; c < 4; ++c)
+          observation.corners_px[c] = at(0.0, observation.corners_map[c]) + shift_px;
+        seen.push_back(observation);
       }
       const BoardPose turned = estimate_board_pose(camera_, seen).value();
       squares +=
@@ -883,8 +885,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
   EXPECT_NEAR(std::sqrt(predicted2 / found2), 1.0, 0.4);
 }
 
-// A reported motion that did not blur the image explains none of its blur. If the motion may be
-// wrong, the result must equal that without a known motion.
+// A motion that did not blur the image does not explain its blur. If the reported motion may be
+// wrong, the result must equal the result without a known motion.
 TEST_F(TagAlignerTest, MotionBlurErrorGrowsWhenMotionDoesNotExplainBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
@@ -909,7 +911,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWhenMotionDoesNotExplainBlur) {
   }
   EXPECT_GE(blurred, 2);
   // If the reported motion explains the blur, other possible motions add little error. In a sharp
-  // image they add none.
+  // image, they add no error.
   const BlurredView view = blurred_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
   const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
@@ -1106,7 +1108,7 @@ TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
     const AlignmentResult without = global.align(input);
     ASSERT_TRUE(without.verified) << without.reason;
     global2 += std::pow(overlay_px(without.T_map_camera, truth), 2) / 4.0;
-    // A camera at rest has no shear: same bits.
+    // A camera at rest has no shear, so both aligners must give the same bits.
     input.velocity.setZero();
     EXPECT_TRUE(aligner.align(input).T_map_camera.matrix() ==
                 global.align(input).T_map_camera.matrix());

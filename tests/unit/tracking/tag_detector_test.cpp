@@ -176,13 +176,13 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   ASSERT_TRUE(image);
   std::vector<std::uint8_t> scratch;
   const ImageView view = luma(*image, scratch);
-  TagDetector one = TagDetector::create(kFamily).value();
+  TagDetector reused = TagDetector::create(kFamily).value();
   std::size_t before = 0;
   for (const float decimate : {4.0F, 2.0F, 1.0F, 2.0F}) {
     SCOPED_TRACE(decimate);
-    TagDetector own = TagDetector::create(kFamily).value();
-    const std::vector<TagDetection> found = one.detect(view, decimate);
-    const std::vector<TagDetection> expected = own.detect(view, decimate);
+    TagDetector fresh = TagDetector::create(kFamily).value();
+    const std::vector<TagDetection> found = reused.detect(view, decimate);
+    const std::vector<TagDetection> expected = fresh.detect(view, decimate);
     ASSERT_EQ(found.size(), expected.size());
     if (decimate == 4.0F) before = found.size();
     EXPECT_GE(found.size(), before) << "a finer search must find as many tags";
@@ -191,7 +191,7 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
       EXPECT_EQ(found[i].corners_px, expected[i].corners_px);
     }
   }
-  EXPECT_EQ(one.detect(view).size(), one.detect(view, 1.0F).size());
+  EXPECT_EQ(reused.detect(view).size(), reused.detect(view, 1.0F).size());
 }
 
 // The camera response lets white bleed into black, so corners are detected inside the tags. After
@@ -203,11 +203,11 @@ TEST(TagDetector, MatchesTruthOfRecording) {
   const TagMap map = load_tag_map(recording / "tags.yaml").value();
   const Trajectory truth = load_trajectory(recording / "groundtruth.tum").value();
   const auto frames = test::list_frames(recording).value();
-  struct Picture {
+  struct PosedImage {
     Frame frame;
     CameraPose T_table_camera;
   };
-  std::vector<Picture> images;
+  std::vector<PosedImage> images;
   ToneEstimator estimator = ToneEstimator::create(camera, map.tags()).value();
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < frames.size(); i += 12) {
@@ -222,9 +222,9 @@ TEST(TagDetector, MatchesTruthOfRecording) {
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
     double inward = 0.0;
     int count = 0;
-    for (const Picture& picture : images) {
-      const auto T_camera_table = picture.T_table_camera.inverse();
-      search.begin(picture.frame);
+    for (const PosedImage& image : images) {
+      const auto T_camera_table = image.T_table_camera.inverse();
+      search.begin(image.frame);
       for (const TagDetection& tag : search.tags(SearchResolution::full)) {
         const MappedTag* mapped = map.find(tag.family, tag.id);
         if (mapped == nullptr) {
@@ -247,13 +247,13 @@ TEST(TagDetector, MatchesTruthOfRecording) {
     EXPECT_LT((sum / count).cwiseAbs().maxCoeff(), 0.1) << (sum / count).transpose();
     return inward / count;
   };
-  const double as_they_are = inward_px(std::nullopt);
-  const double in_linear_light = inward_px(estimate->exponent);
-  RecordProperty("inward_px", fmt::format("{:.3f}, by the exponent {:.2f} {:.3f}", as_they_are,
-                                          estimate->exponent, in_linear_light));
-  EXPECT_GT(as_they_are, 0.05);
-  EXPECT_LT(as_they_are, 0.4);
-  EXPECT_LT(std::abs(in_linear_light), 0.3 * as_they_are);
+  const double captured_px = inward_px(std::nullopt);
+  const double linear_px = inward_px(estimate->exponent);
+  RecordProperty("inward_px", fmt::format("{:.3f}, by the exponent {:.2f} {:.3f}", captured_px,
+                                          estimate->exponent, linear_px));
+  EXPECT_GT(captured_px, 0.05);
+  EXPECT_LT(captured_px, 0.4);
+  EXPECT_LT(std::abs(linear_px), 0.3 * captured_px);
 }
 
 }  // namespace

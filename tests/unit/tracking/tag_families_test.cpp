@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-// The marker's code rotated by 90 degrees; cells are in row-major order.
+// Returns the code of the marker rotated by 90 degrees; cells are in row-major order.
 std::uint64_t turned(std::uint64_t code, int cells) {
   std::uint64_t result = 0;
   for (int row = 0; row < cells; ++row) {
@@ -48,7 +48,7 @@ TEST(ArucoCodes, HaveHammingDistanceForErrorCorrection) {
   }
 }
 
-// The first marker in OpenCV's documentation: rows from the top, 1 is white.
+// Compares with the first marker in OpenCV's documentation: rows from the top, 1 is white.
 TEST(ArucoCodes, AreOrientedLikeOpenCv) {
   const auto pattern = TagPattern::make(TagFamily::aruco_4x4_50, 0);
   ASSERT_TRUE(pattern);
