@@ -14,7 +14,7 @@ namespace {
 // Systematic errors that the covariance does not include; see docs/tracking.md#bias.
 constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
 constexpr double kSpreadBias_px = 0.1;  // of an edge, if its point spread overlaps the next edge
-constexpr double kPartsOfTag = 8.0;     // number of a tag's edges with independent kSpreadBias_px
+constexpr double kPartsOfTag = 8.0;     // number of edge groups with independent kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
 // Error of the mean pose during an exposure, divided by ImageMotion::unpredicted_px.
 constexpr double kExposureShare = 1.0 / 24.0;
@@ -24,7 +24,7 @@ constexpr double kBlurShare = 0.288675134594813;
 // Corrections to a covariance that assumes independent residuals and an exact model.
 struct CovarianceInflation {
   double scatter = 1.0;  // factor for correlated residuals and tags that disagree
-  double bias = 0.0;     // added variance: displacements of whole tags, the same in every frame
+  double bias = 0.0;     // added factor for tag displacements that are the same in every frame
 };
 
 // Adds kTagBias_px only for several tags, because it displaces a tag relative to the others.
