@@ -72,8 +72,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
-    // Only the first pose reads the cells correctly, so it is the true one if the two look
-    // different.
+    // Only the first pose reads the cells, so it is the true pose unless the two look the same.
     if (look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
       measurement.second->T_map_camera = mirror;

@@ -57,8 +57,7 @@ struct AssessedPose {
   bool only_lens_uncertain = false;  // uncertain only because of the lens
 };
 
-// Returns the estimate of a measured frame. If two poses fit, selects the one nearer to
-// `predicted`.
+// Returns the estimate of a measured frame. If two poses fit, `predicted` selects the nearer pose.
 [[nodiscard]] AssessedPose judge(const RigidTags& group, const Measurement& measurement,
                                  const std::optional<MapFromCamera>& predicted);
 

@@ -101,7 +101,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
   }
 }
 
-// Removes samples that mix with light from outside the tag at the start or end of the exposure.
+// Removes samples that mix with light from beside the tag at the start or end of the exposure.
 void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
   // A line affects pixels up to 2.5 sigma away.

@@ -22,8 +22,7 @@ double per_freedom(double sum, std::size_t tags) {
   return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
 }
 
-// Returns the pose covariance by lens, camera response and paper at a tag; see
-// docs/tracking.md#map.
+// Returns the pose covariance by errors of lens, response and paper; see docs/tracking.md#map.
 Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& equations) {
   constexpr double kShift_px = 0.05;
   constexpr double kEdge_px = 0.05;
@@ -159,8 +158,7 @@ int MapAgreement::find_outlier(double squares) const {
   return outlier;
 }
 
-// Compares the tags' preferred shifts and rotations in the image; the camera response changes
-// scale.
+// Compares the image shifts and rotations that the tags prefer; the response changes the scale.
 void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solver,
                          AlignmentResult& result) {
   collect(problem, solver);

@@ -33,8 +33,7 @@ class MapAgreement {
   void collect(const AlignmentProblem& problem, const PoseSolver& solver);
   void estimate_map_error(const AlignmentProblem& problem, double variance,
                           AlignmentResult& result) const;
-  // Returns the index of the tag whose removal makes the others agree, or -1. `squares`: of all
-  // tags.
+  // Returns the tag whose removal makes the others agree, or -1. `squares`: sum over all tags.
   [[nodiscard]] int find_outlier(double squares) const;
 
   std::vector<TagEquations> equations_;

@@ -35,8 +35,7 @@ double scattered(int k, double step) {
   return value - std::floor(value);
 }
 
-// Distribution function of the point spread along one axis: a Gaussian convolved with a pixel's
-// box.
+// Distribution function of the point spread along one axis: the lens' Gaussian * the pixel's box.
 double spread_cdf(double x, double sigma) {
   const auto integral = [sigma](double z) {  // of the normal distribution
     if (sigma < 1e-6) return std::max(z, 0.0);

@@ -97,7 +97,7 @@ struct AlignmentResult {
   // Variance of an edge's mean residual, divided by its variance for independent residuals.
   double design_effect = 1.0;
   double displacement_px = 0.0;  // RMS displacement of whole tags from the map [px]; 0: unknown
-  // Variance of that displacement, divided by its variance for independent residuals.
+  // Variance of that displacement over its variance for independent residuals; 1: unknown.
   double disagreement = 1.0;
   // Pose covariance caused by errors of the map (two to four tags); zero if they are below noise.
   Matrix6d map_covariance = Matrix6d::Zero();

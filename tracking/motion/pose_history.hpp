@@ -34,8 +34,7 @@ class PoseHistory {
   // Returns the time since the previous frame [s], an upper limit of the exposure; 0: unknown.
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
-  // Adds a pose. `is_located`: no distant pose is possible. `continues`: predict() may use the
-  // pose.
+  // Adds a pose. `is_located`: no distant pose is possible. `continues`: predict() may use it.
   void add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
            bool continues);
 

@@ -39,7 +39,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
     float j01 = 0.0F;
     float j11 = 0.0F;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    // Computes the pixel and the edge's direction there, with the rolling shutter.
+    // Computes the pixel and the edge's direction at that pixel, with the rolling shutter.
     const float dx = (to_x - x * to_z) * inverse;
     const float dy = (to_y - y * to_z) * inverse;
     float u = lens.fx * xd + lens.cx;

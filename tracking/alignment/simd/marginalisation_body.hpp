@@ -98,9 +98,8 @@ void marginalise(TagPack* packs, int count) {
                                                       share1[low + 3] * H[upper(high + 3, 7)]);
       }
     }
-    // Transforms H = [P, Q; Q^T, S] to the camera frame: [R / cell, K R; 0, R] with K =
-    // skew(centre) maps the camera's motion to the lattice's. Adds P K to Q, then Q^T K - K (Q + P
-    // K) to S.
+    // Transforms H = [P, Q; Q^T, S] to the camera frame: [R / cell, K R; 0, R], K = skew(centre),
+    // maps its motion to the lattice. Adds P K to Q, then Q^T K - K (Q + P K) to S.
     Pack centre[3];
     load(pack.centre, centre);
     const Pack& x = centre[0];
