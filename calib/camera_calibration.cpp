@@ -168,7 +168,7 @@ std::ptrdiff_t CameraCalibrator::images_in_memory() const {
 std::string CameraCalibrator::problem_of(const TargetView& view, ImageView luma) {
   if (!check_ || !view.corners.empty() || view.two_cell_tags > 0) return view.problem;
   // After one mirrored or negative image, checks every image.
-  const auto fault = found_faulty_image_ ? check_->look(luma) : check_->check_untagged(luma);
+  const auto fault = found_faulty_image_ ? check_->find_fault(luma) : check_->check_untagged(luma);
   if (!fault) return view.problem;
   found_faulty_image_ = true;
   return std::string(advice(*fault));

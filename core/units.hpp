@@ -1,5 +1,4 @@
-// Angles are radians in code and degrees for users. Times are nanoseconds in code and seconds in
-// files.
+// Angles: radians in code, degrees for users. Times: nanoseconds in code, seconds in files.
 #pragma once
 
 #include <cmath>

@@ -466,7 +466,7 @@ class Planner {
       hull.emplace_back(draw.light_position.head<3>() / draw.light_position.w());
     } else {
       for (const Eigen::Vector3d& corner : corners)
-        hull.emplace_back(corner + kParallelRay * draw.light_position.head<3>().normalized());
+        hull.emplace_back(corner + kRayLength_m * draw.light_position.head<3>().normalized());
     }
     for (const LightRayDraw::Plane& plane : draw.planes) {
       if (!(light_height(plane.frame, draw.light_position) > 0.0)) continue;

@@ -38,7 +38,7 @@ LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& s
                                  const std::vector<PlacedLight>& lights,
                                  const Eigen::Vector3d& normal, const Eigen::Vector3d& place) {
   const double ambient = kLuminance.dot(scene.ambient);
-  if (!(ambient > Scene::kUsualAmbient)) return fractions;
+  if (!(ambient > Scene::kBrightRoomAmbient)) return fractions;
   double direct = 0.0;
   for (const PlacedLight& light : lights_or_default(lights)) {
     const Eigen::Vector3d towards = light.place.head<3>() - light.place.w() * place;
@@ -46,7 +46,7 @@ LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& s
     if (length > 0.0)
       direct += std::max(towards.dot(normal) / length, 0.0) * kLuminance.dot(light.color);
   }
-  const double share = (Scene::kUsualAmbient + direct) / (ambient + direct);
+  const double share = (Scene::kBrightRoomAmbient + direct) / (ambient + direct);
   const auto lifted = [share](double left) { return 1.0 - share * (1.0 - left); };
   return {lifted(fractions.umbra), lifted(fractions.middle), lifted(fractions.penumbra)};
 }

@@ -105,7 +105,7 @@ std::string text_of(const SkippedPass& skipped, const Scene& scene) {
   const ReasonEntry& entry = kSkipTable[static_cast<std::size_t>(skipped.reason)];
   return text_of_entry(entry, scene, skipped.subject, skipped.other) + skipped.detail;
 }
-std::string text_of(const KeptPart& kept, const Scene& scene) {
+std::string text_of(const KeptResult& kept, const Scene& scene) {
   const ReasonEntry& entry = kKeepTable[static_cast<std::size_t>(kept.reason)];
   return text_of_entry(entry, scene, kept.subject, kept.other);
 }

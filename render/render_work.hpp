@@ -110,7 +110,7 @@ enum class KeepReason {
   count          // number of reasons
 };
 
-struct KeptPart {
+struct KeptResult {
   KeepReason reason = KeepReason::video;
   int subject = -1, other = -1;
 };
@@ -120,7 +120,7 @@ struct KeptPart {
 [[nodiscard]] std::string_view key_of(KeepReason reason);
 // Returns a text for users: "rotor: outside the view".
 [[nodiscard]] std::string text_of(const SkippedPass& skipped, const Scene& scene);
-[[nodiscard]] std::string text_of(const KeptPart& kept, const Scene& scene);
+[[nodiscard]] std::string text_of(const KeptResult& kept, const Scene& scene);
 
 // Maximum distance of shadow volumes from the table's origin [m]. A camera up to 8 m from the
 // origin has its far plane beyond it.
@@ -129,7 +129,7 @@ inline constexpr double kVolumeReach = 12.0;
 struct RenderWork {
   RenderCounters counters;
   std::vector<SkippedPass> skipped;  // found by the passes from the geometry
-  std::vector<KeptPart> kept;
+  std::vector<KeptResult> kept;
 
   [[nodiscard]] std::int64_t& operator[](Counter counter) { return counters[counter]; }
   [[nodiscard]] std::int64_t operator[](Counter counter) const { return counters[counter]; }

@@ -14,7 +14,7 @@ namespace penumbra {
 namespace {
 
 // 99 % quantile of chi-square (6 degrees of freedom) for measurements that agree.
-constexpr double kRests = 16.8;
+constexpr double kAgreementQuantile = 16.8;
 // Growth of a resting group's covariance per frame; the average contains about five frames.
 constexpr double kCovarianceGrowth = 1.25;
 // Maximum distance of the displayed pose from the average, and of the average from a measurement.
@@ -59,8 +59,8 @@ static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
 
 }  // namespace
 
-bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertain,
-                      const CameraPose& T_table_camera) {
+bool GroupPlace::add_measurement(const CameraModel& camera, const Place& now, bool uncertain,
+                                 const CameraPose& T_table_camera) {
   const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
     return overlay_distance_px(camera, a.inverse() * T_table_camera, b.inverse() * T_table_camera);
   };
@@ -71,7 +71,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertai
     const Matrix6d before = kCovarianceGrowth * found.covariance;
     const Matrix6d total = before + now.covariance;
     const Vector6d weighed = total.ldlt().solve(away);
-    agrees = away.dot(weighed) < kRests &&
+    agrees = away.dot(weighed) < kAgreementQuantile &&
              apart_px(found.T_table_middle, now.T_table_middle) <= kShownWithin_px;
     if (!agrees && uncertain) return false;
     if (agrees) {
@@ -141,7 +141,7 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
     return coast(not_measured("no finite place"));
   const bool uncertain = worse(seen.status, table_pose.status) != TrackStatus::tracked;
   const bool old = found_ && seconds(timestamp_ns - found_->timestamp_ns) > hold_s;
-  if (!take(camera, now, uncertain && !old, table_pose.T_table_camera))
+  if (!add_measurement(camera, now, uncertain && !old, table_pose.T_table_camera))
     return coast(seen.reason.cause == PoseCause::none ? table_pose.reason : seen.reason);
   return measured(camera, table_pose, seen);
 }

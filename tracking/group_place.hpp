@@ -60,8 +60,8 @@ class GroupPlace {
   };
   // Adds a measurement: averages it with found_ if both agree, otherwise replaces found_. Returns
   // false, and does neither, if it is uncertain and disagrees.
-  bool take(const CameraModel& camera, const Place& now, bool uncertain,
-            const CameraPose& T_table_camera);
+  bool add_measurement(const CameraModel& camera, const Place& now, bool uncertain,
+                       const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
                                        const MapPoseEstimate& seen);
   [[nodiscard]] GroupEstimate coasting(const CameraModel& camera, double hold_s,

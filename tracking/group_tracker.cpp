@@ -18,12 +18,12 @@ namespace {
 constexpr int kInitialTests = 15;  // number of frames in which a lost group's old pose is tested
 constexpr int kTestInterval = 4;   // interval of later tests [frames]
 // Searches of the whole image are rarer: they take as long as tracking 20 frames or more.
-constexpr int kSearchesAtFirst = 2;  // number of searched frames after a group was lost
-constexpr int kSearchesEvery = 8;    // interval of later searches [frames]
+constexpr int kInitialSearches = 2;  // number of searched frames after a group was lost
+constexpr int kSearchInterval = 8;   // interval of later searches [frames]
 
 // Returns true if the image is to be searched for a group that was lost for `unseen` frames.
 bool searches(int unseen) {
-  return unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
+  return unseen < kInitialSearches || unseen % kSearchInterval == 0;
 }
 
 void add(const TrackTimes& more, TrackTimes& times) {

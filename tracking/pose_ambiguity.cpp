@@ -12,7 +12,7 @@ namespace penumbra {
 namespace {
 
 // Tuned on random images of a single tag; see docs/tracking.md#two-poses.
-constexpr double kDecides = 9.0;  // minimum log-likelihood ratio for a decision
+constexpr double kMinLogLikelihoodRatio = 9.0;  // minimum log-likelihood ratio for a decision
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
 // If all cells are below kOverlap_sigmas, poses are treated as one if their tag corners differ by
@@ -107,7 +107,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   measurement.ambiguity_ratio = second_fits ? 1.0 / std::max(ratio, 1e-9) : ratio;
   measurement.ambiguous =
       look_the_same(second->T_map_camera, std::min(first_residual, second->noise_px)) ||
-      samples * std::log(measurement.ambiguity_ratio) < kDecides * inflation;
+      samples * std::log(measurement.ambiguity_ratio) < kMinLogLikelihoodRatio * inflation;
   if (second_fits) std::swap(measurement.best, *measurement.second);
   return second_fits;
 }

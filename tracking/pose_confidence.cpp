@@ -126,8 +126,8 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   return pose;
 }
 
-void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
-                    Measurement& measurement) {
+void set_aligned_pose(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
+                      Measurement& measurement) {
   const AlignmentResult& result = alignment.result;
   measurement.best = pose;
   measurement.aligned = true;

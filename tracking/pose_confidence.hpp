@@ -39,8 +39,8 @@ struct Measurement {
                                                  const ImageMotion& motion);
 
 // Sets the measurement's best pose to the alignment's pose.
-void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
-                    Measurement& measurement);
+void set_aligned_pose(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
+                      Measurement& measurement);
 
 // Returns the factor by which the samples must increase for a predicted error below `budget_px`.
 [[nodiscard]] double samples_needed(const CameraModel& camera, const AlignmentResult& result,

@@ -22,9 +22,9 @@ namespace penumbra {
 namespace {
 
 // Image motions in 1/30 s [px], RMS over the overlay cube.
-constexpr double kRests_px = 1.0;  // a moving view rests below this
-constexpr double kMoves_px = 1.5;  // a resting view moves from this on
-constexpr int kFewTags = 3;        // fewer tags are sampled at every pixel
+constexpr double kRestsBelow_px = 1.0;  // a moving view rests below this
+constexpr double kMovesFrom_px = 1.5;   // a resting view moves from this on
+constexpr int kFewTags = 3;             // fewer tags are sampled at every pixel
 // Image motion in 1/30 s above which blur, not the number of pixels, limits the accuracy [px].
 constexpr double kBlurs_px = 12.0;
 
@@ -80,7 +80,7 @@ struct RigidTagTracker::Impl {
   [[nodiscard]] AlignmentInput input_from(const MapFromCamera& pose) const;
   void choose_effort(double motion_px);
   void set_effort(bool every_pixel);
-  void note_work(const AlignmentResult& result);
+  void record_work(const AlignmentResult& result);
 };
 
 AssessedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason) const {
@@ -138,7 +138,7 @@ void RigidTagTracker::Impl::set_effort(bool every_pixel) {
 }
 
 void RigidTagTracker::Impl::choose_effort(double motion_px) {
-  state.rests = motion_px < (state.rests ? kMoves_px : kRests_px);
+  state.rests = motion_px < (state.rests ? kMovesFrom_px : kRestsBelow_px);
   bool every_pixel = options.mode == TrackingMode::accurate;
   if (options.mode == TrackingMode::automatic) {
     // With a budget, sampling stops when the budget is met.
@@ -147,7 +147,7 @@ void RigidTagTracker::Impl::choose_effort(double motion_px) {
   set_effort(every_pixel && motion_px < kBlurs_px);
 }
 
-void RigidTagTracker::Impl::note_work(const AlignmentResult& result) {
+void RigidTagTracker::Impl::record_work(const AlignmentResult& result) {
   times.samples = state.last_samples = result.counters.samples;
   times.tags_out_of_view = result.counters.tags_out_of_view;
   times.tags_too_small = result.counters.tags_too_small;
@@ -187,7 +187,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     return std::nullopt;
   }
   state.consensus.retest_rejected_seldom(alignment);
-  note_work(result);
+  record_work(result);
   state.last_start_far = result.counters.far_start;
   state.last_contrast = result.verified ? result.counters.contrast : 0.0;
   // If few tags at an unconfirmed hint fit, the map may be wrong, which a search would reveal.
@@ -199,21 +199,21 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     alignment.input.covariance = uninformative_covariance();
     alignment.with_search = false;
     alignment.run();
-    note_work(result);
+    record_work(result);
     motion = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells);
   } else if (result.verified) {
     motion.blur = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // Blur and tilt of a few distant tags may look alike.
     if (!state.branch_open &&
         align_with_motion_blur(history, camera, frame, alignment, motion.blur))
-      note_work(result);
+      record_work(result);
     motion.unpredicted_px =
         overlay_difference(camera, result.T_map_camera, prediction.T_map_camera).rms_px();
   }
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (!best) return std::nullopt;
   Followed followed{{}, *best, result.covariance};
-  take_alignment(group, alignment, *best, followed.measurement);
+  set_aligned_pose(group, alignment, *best, followed.measurement);
   followed.measurement.rejected = state.consensus.rejected();
   state.last_tags = result.tags_verified;
   if (result.tags_verified == 1 || state.branch_open)
@@ -312,12 +312,12 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   measurement.inconsistent = !consensus.settle(group, corners.observations(), alignment);
   measurement.rejected = consensus.rejected();
   const AlignmentResult& result = alignment.result;
-  note_work(result);
+  record_work(result);
   const ImageMotion motion =
       estimate_motion(history, group.camera, frame, alignment, kDetectedBlur_cells);
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (best) {
-    take_alignment(group, alignment, *best, measurement);
+    set_aligned_pose(group, alignment, *best, measurement);
     state.last_tags = result.tags_verified;
     // Uses every pixel until the velocity is known, except in rounds that start far away.
     state.last_start_far = options.mode == TrackingMode::automatic && state.last_tags >= kFewTags &&

@@ -76,9 +76,9 @@ bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
   if (alignment.with_search) return many_are_inconsistent(result);
   if (result.tags_verified < 2 * inconsistent_tags(result, detected)) return true;
   constexpr double kStrict_px = 0.15;  // one tag may have biased the pose of the others
-  return strict_frames_ > 0 &&
-         (3 * result.tags_verified < 2 * result.counters.tags_in_image ||
-          (result.disagreement >= kDisagree && result.displacement_px >= kStrict_px));
+  return strict_frames_ > 0 && (3 * result.tags_verified < 2 * result.counters.tags_in_image ||
+                                (result.disagreement >= kInconsistentDisagreement &&
+                                 result.displacement_px >= kStrict_px));
 }
 
 // Rejects the tag whose removal makes all others agree. Tests each candidate from the pose by the
@@ -131,29 +131,30 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
     alignment.run_without(rejected_);
   }
   const bool no_majority = lacks_majority(detected, alignment);
-  if (!result.verified || (result.disagreement < kDisagree && !no_majority)) return true;
+  if (!result.verified || (result.disagreement < kInconsistentDisagreement && !no_majority))
+    return true;
   if (!alignment.with_search) reject_one(group, detected, alignment);
   if (no_majority && lacks_majority(detected, alignment)) return false;
   // Only some of the visible tags fit.
-  if (result.verified && result.disagreement >= kDisagree &&
+  if (result.verified && result.disagreement >= kInconsistentDisagreement &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
   // Maximum displacements by lens, camera response and paper [px].
   constexpr double kSuspicious_px = 0.3;  // of tags aligned together
   constexpr double kElsewhere_px = 0.5;   // of tags aligned one by one
-  if (!result.verified || result.disagreement < kDisagree ||
+  if (!result.verified || result.disagreement < kInconsistentDisagreement ||
       result.displacement_px < kSuspicious_px)
     return true;
-  constexpr int kSeldom = 15;  // [frames]
-  if (alignment.with_search && frames_untested_++ % kSeldom != 0) return true;
+  constexpr int kInterval_frames = 15;  // [frames]
+  if (alignment.with_search && frames_untested_++ % kInterval_frames != 0) return true;
   const double apart_px = scatter_px(group, alignment);
   alignment.run_without(rejected_);
   return apart_px < kElsewhere_px;
 }
 
 void TagConsensus::retest_rejected_seldom(Alignment& alignment) {
-  constexpr int kSeldom = 60;  // [frames]
-  if (!rejected_.empty() && ++frames_rejected_ >= kSeldom) retest_rejected(alignment);
+  constexpr int kInterval_frames = 60;  // [frames]
+  if (!rejected_.empty() && ++frames_rejected_ >= kInterval_frames) retest_rejected(alignment);
 }
 
 void TagConsensus::retest_rejected(Alignment& alignment) {
@@ -167,8 +168,9 @@ void TagConsensus::retest_rejected(Alignment& alignment) {
     fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
     const AlignmentResult all = alignment.tried_without(fewer);
     const auto it = std::ranges::find(all.tags, tag, &TagAlignment::index);
-    const bool agrees = all.verified && it != all.tags.end() && it->verified &&
-                        all.disagreement < std::max(kDisagree / 2.0, 1.5 * without_it);
+    const bool agrees =
+        all.verified && it != all.tags.end() && it->verified &&
+        all.disagreement < std::max(kInconsistentDisagreement / 2.0, 1.5 * without_it);
     if (!agrees) continue;
     rejected_ = fewer;
     break;

@@ -47,8 +47,7 @@ struct CaptureStats {
   }
 };
 
-// Thread-safe counter of faults. Logs the first of each kind as a warning, later ones at debug
-// level.
+// Thread-safe counter of faults. Logs the first of each kind as a warning, later ones as debug.
 class FaultCounter {
  public:
   explicit FaultCounter(std::string camera) : camera_(std::move(camera)) {}

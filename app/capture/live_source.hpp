@@ -39,8 +39,8 @@ struct StreamFormat {
 
 // Returns "30/s"; if the camera does not report its rate, "30/s as asked, or its own rate".
 [[nodiscard]] std::string rate_text(const StreamFormat& format);
-// Returns the pause after a bad frame: half an interval, 1 to 100 ms. A camera may deliver only bad
-// frames.
+// Returns the pause after a bad frame (a camera may deliver no others): half an interval, 1 to 100
+// ms.
 [[nodiscard]] std::chrono::milliseconds bad_frame_pause(double interval_s);
 
 // Focus of a lens, in the units of CameraControls.

@@ -20,7 +20,7 @@
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/report/calibration_report.hpp"
 #include "core/camera/camera_file.hpp"

@@ -10,7 +10,7 @@
 #include "app/logging.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "core/evaluation/pose_convention_hint.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"

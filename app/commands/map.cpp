@@ -14,7 +14,7 @@
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"

@@ -272,7 +272,7 @@ void judge_proxy(const ShadowJob& job, const ShadowMesh& mesh, const ShadowKerne
                      job.placement.scale};
   result.agreement = compare_with_proxy(mesh, at_tilt, parts, proxy, use, true);
   result.faces = proxy.mesh.indices.size() / 3;
-  result.used = result.agreement.kept();
+  result.used = result.agreement.is_sufficient();
 }
 
 Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,

@@ -118,11 +118,11 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
     }
   }
   if (job.proxy != ShadowJob::Proxy::none) {
-    table +=
-        result.proxy.faces == 0
-            ? fmt::format("proxy: none, {} faces are not worth reducing\n", result.faces)
-            : fmt::format("proxy: {} faces, its layers agree to {:.4f}: {}\n", result.proxy.faces,
-                          result.proxy.agreement.least(), result.proxy.used ? "used" : "not used");
+    table += result.proxy.faces == 0
+                 ? fmt::format("proxy: none, {} faces are not worth reducing\n", result.faces)
+                 : fmt::format("proxy: {} faces, its layers agree to {:.4f}: {}\n",
+                               result.proxy.faces, result.proxy.agreement.min_iou(),
+                               result.proxy.used ? "used" : "not used");
   }
   return table;
 }

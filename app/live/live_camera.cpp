@@ -9,7 +9,7 @@
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/recording/recording_feed.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 

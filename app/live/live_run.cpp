@@ -14,7 +14,7 @@
 #include "app/logging.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"

@@ -10,7 +10,7 @@
 
 #include "app/recording/recording_source.hpp"
 #include "app/recording/video_reader.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/camera_plausibility.hpp"
 #include "core/camera/sensor_file.hpp"

@@ -15,7 +15,7 @@
 #include "app/output/run_outputs.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/session.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/evaluation/evaluation.hpp"

@@ -16,7 +16,7 @@
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"

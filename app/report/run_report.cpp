@@ -256,7 +256,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++skipped_[pass.reason];
-  for (const KeptPart& part : drawn.kept) ++kept_[part.reason];
+  for (const KeptResult& part : drawn.kept) ++kept_[part.reason];
 }
 
 void RunRecorder::add_reason(const PoseReason& reason) {

@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/pose_smoother.hpp"
 #include "app/session/session.hpp"
 #include "core/error.hpp"

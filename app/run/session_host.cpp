@@ -99,7 +99,7 @@ void RunHost::describe(HudState& state, bool debug) const {
   state.work = run_.work();
   for (const SkippedPass& skipped : last_->plan.skipped)
     state.skipped.push_back(text_of(skipped, scene()));
-  for (const KeptPart& kept : last_->composite.kept) state.kept.push_back(text_of(kept, scene()));
+  for (const KeptResult& kept : last_->composite.kept) state.kept.push_back(text_of(kept, scene()));
 }
 
 std::string SessionHost::toggle_smoothing() {

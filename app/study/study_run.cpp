@@ -14,7 +14,7 @@
 #include "app/output/output_file.hpp"
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_run.hpp"
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/session.hpp"
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_feed.hpp"

@@ -1,5 +1,4 @@
-// Script of a simulated participant, to test the set-up of a study: actions and times in each
-// trial.
+// Script of a simulated participant, to test a study: actions and times in each trial.
 //
 //   # trial  seconds  action
 //   1        1.25     click sphere 2

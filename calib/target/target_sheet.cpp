@@ -118,8 +118,7 @@ void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y)
   }
 }
 
-// Returns true if a small cross at the origin overlaps no tag with its white margin (`printed_m`
-// wide).
+// Returns true if a small cross at the origin overlaps no tag and white margin (`printed_m` wide).
 bool is_free_at_origin(const TagMap& map, double printed_m) {
   return std::ranges::all_of(map.tags(), [&](const MappedTag& tag) {
     const double away = tag.T_table_tag.translation().head<2>().cwiseAbs().maxCoeff();

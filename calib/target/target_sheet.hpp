@@ -17,8 +17,7 @@ struct PageSize {
   double height_m = 0.210;
 };
 
-// Accepts "a5" to "a0", "letter", "legal", "tabloid" (any case, portrait), or "210x297" in
-// millimetres.
+// Accepts "a5" to "a0", "letter", "legal", "tabloid" (any case, portrait), or "210x297" [mm].
 [[nodiscard]] Result<PageSize> page_size_from_string(std::string_view name);
 
 // Grid of tags; ids count in reading order from the top left. The table frame's origin is the

@@ -41,8 +41,7 @@ struct Trajectory {
 [[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);
 [[nodiscard]] Result<void> save_trajectory(const std::filesystem::path& file,
                                            const Trajectory& trajectory);
-// Returns a line without line break: timestamps with 9 decimals, numbers with 17 significant
-// digits.
+// Returns a line without line break: 9 decimals of the timestamp, 17 significant digits otherwise.
 [[nodiscard]] std::string format_tum(const StampedPose& pose);
 
 }  // namespace penumbra

@@ -1,5 +1,4 @@
-// Pixel buffers for asynchronous transfers to and from the GPU. On a CPU rasteriser they cost a
-// copy.
+// Pixel buffers for asynchronous transfers to and from the GPU. A CPU rasteriser copies them.
 #pragma once
 
 #include <array>

@@ -10,7 +10,7 @@
 namespace penumbra {
 namespace {
 
-constexpr int kSightDepth = 5;        // maximum subdivision in the search for visible regions
+constexpr int kVisibilityDepth = 5;   // maximum subdivision in the search for visible regions
 constexpr double kFinestStep = 0.25;  // triangles this small are not subdivided [texels]
 constexpr int kHalvings = 6;          // bisections of an edge to find the alpha cutoff
 
@@ -52,22 +52,23 @@ std::int64_t floor_of(double x) {
 AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampling)
     : width_(texture.width), height_(texture.height), sampling_(sampling) {
   Level level{width_, height_, {}, {}};
-  level.least.resize(texture.rgba.size() / 4);
-  for (std::size_t i = 0; i < level.least.size(); ++i) level.least[i] = texture.rgba[4 * i + 3];
-  level.greatest = level.least;
+  level.min_alpha.resize(texture.rgba.size() / 4);
+  for (std::size_t i = 0; i < level.min_alpha.size(); ++i)
+    level.min_alpha[i] = texture.rgba[4 * i + 3];
+  level.max_alpha = level.min_alpha;
   levels_.push_back(std::move(level));
   while (levels_.back().width > 1 || levels_.back().height > 1) {
     const Level& fine = levels_.back();
     Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}, {}};
     const auto cells = static_cast<std::size_t>(coarse.width * coarse.height);
-    coarse.least.assign(cells, 255);
-    coarse.greatest.assign(cells, 0);
+    coarse.min_alpha.assign(cells, 255);
+    coarse.max_alpha.assign(cells, 0);
     for (std::int64_t y = 0; y < fine.height; ++y) {
       for (std::int64_t x = 0; x < fine.width; ++x) {
         const auto from = static_cast<std::size_t>(y * fine.width + x);
         const auto to = static_cast<std::size_t>((y / 2) * coarse.width + x / 2);
-        coarse.least[to] = std::min(coarse.least[to], fine.least[from]);
-        coarse.greatest[to] = std::max(coarse.greatest[to], fine.greatest[from]);
+        coarse.min_alpha[to] = std::min(coarse.min_alpha[to], fine.min_alpha[from]);
+        coarse.max_alpha[to] = std::max(coarse.max_alpha[to], fine.max_alpha[from]);
       }
     }
     levels_.push_back(std::move(coarse));
@@ -82,8 +83,8 @@ AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2&
   const glm::dvec2 b = high * size() - shift;
   const auto columns = wrapped(floor_of(a.x), floor_of(b.x) + more, width_, sampling_.wrap_s);
   const auto rows = wrapped(floor_of(a.y), floor_of(b.y) + more, height_, sampling_.wrap_t);
-  std::uint8_t least = 255;
-  std::uint8_t greatest = 0;
+  std::uint8_t min_alpha = 255;
+  std::uint8_t max_alpha = 0;
   for (const TexelSpan& row : rows) {
     for (const TexelSpan& column : columns) {
       const std::int64_t longest = std::max(row.last - row.first, column.last - column.first);
@@ -94,13 +95,13 @@ AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2&
         for (std::int64_t x = column.first >> n;
              column.last >= column.first && x <= column.last >> n; ++x) {
           const auto cell = static_cast<std::size_t>(y * level.width + x);
-          least = std::min(least, level.least[cell]);
-          greatest = std::max(greatest, level.greatest[cell]);
+          min_alpha = std::min(min_alpha, level.min_alpha[cell]);
+          max_alpha = std::max(max_alpha, level.max_alpha[cell]);
         }
       }
     }
   }
-  return {least / 255.0, greatest / 255.0};
+  return {min_alpha / 255.0, max_alpha / 255.0};
 }
 
 double AlphaPyramid::at(const glm::dvec2& texcoord) const {
@@ -108,7 +109,7 @@ double AlphaPyramid::at(const glm::dvec2& texcoord) const {
   const auto texel = [&](std::int64_t x, std::int64_t y) {
     const std::int64_t column = wrapped(x, x, width_, sampling_.wrap_s)[0].first;
     const std::int64_t row = wrapped(y, y, height_, sampling_.wrap_t)[0].first;
-    return texels.least[static_cast<std::size_t>(row * width_ + column)] / 255.0;
+    return texels.min_alpha[static_cast<std::size_t>(row * width_ + column)] / 255.0;
   };
   const glm::dvec2 place = texcoord * size() - (sampling_.smooth_near ? 0.5 : 0.0);
   const std::int64_t x = floor_of(place.x);
@@ -125,19 +126,19 @@ FaceOpacity::FaceOpacity(const Model& model, const Mesh& mesh) : mesh_(mesh) {
     material_ = model.materials[material];
   }
   if (material_.alpha_mode == AlphaMode::opaque) return;
-  double least = static_cast<double>(material_.base_color.a);
+  double min_alpha = static_cast<double>(material_.base_color.a);
   for (const glm::vec4& color : mesh.colors) {
-    least = std::min(least, static_cast<double>(material_.base_color.a * color.a));
+    min_alpha = std::min(min_alpha, static_cast<double>(material_.base_color.a * color.a));
   }
   const MaterialTexture& texture = material_.base_color_texture;
   const auto& texcoords = texture.texcoords == 1 ? mesh.texcoords_2 : mesh.texcoords;
   if (texture.image >= 0 && texcoords.size() == mesh.positions.size()) {
     texcoords_ = &texcoords;
     alpha_.emplace(model.textures[static_cast<std::size_t>(texture.image)], texture.sampling);
-    least *= alpha_->range({0.0, 0.0}, {1.0, 1.0}).least;
+    min_alpha *= alpha_->range({0.0, 0.0}, {1.0, 1.0}).min_alpha;
   }
   const bool mask = material_.alpha_mode == AlphaMode::mask;
-  all_whole_ = mask ? least >= static_cast<double>(material_.alpha_cutoff) : least > 0.0;
+  all_whole_ = mask ? min_alpha >= static_cast<double>(material_.alpha_cutoff) : min_alpha > 0.0;
 }
 
 FaceOpacity::Face FaceOpacity::face(std::size_t index) const {
@@ -152,27 +153,27 @@ FaceOpacity::Face FaceOpacity::face(std::size_t index) const {
   return {corner(index), corner(index + 1), corner(index + 2)};
 }
 
-glm::dvec2 FaceOpacity::Face::least_texcoord() const {
+glm::dvec2 FaceOpacity::Face::min_texcoord() const {
   return glm::min(a.texcoord, glm::min(b.texcoord, c.texcoord));
 }
 
-glm::dvec2 FaceOpacity::Face::greatest_texcoord() const {
+glm::dvec2 FaceOpacity::Face::max_texcoord() const {
   return glm::max(a.texcoord, glm::max(b.texcoord, c.texcoord));
 }
 
 FaceVisibility FaceOpacity::bounds(const Face& face) const {
   const AlphaPyramid::Range texture =
-      alpha_ ? alpha_->range(face.least_texcoord(), face.greatest_texcoord())
-             : AlphaPyramid::Range{};
-  const double greatest =
-      texture.greatest * std::max({face.a.factor, face.b.factor, face.c.factor});
+      alpha_ ? alpha_->range(face.min_texcoord(), face.max_texcoord()) : AlphaPyramid::Range{};
+  const double max_alpha =
+      texture.max_alpha * std::max({face.a.factor, face.b.factor, face.c.factor});
   if (material_.alpha_mode == AlphaMode::blend) {
-    return greatest > 0.0 ? FaceVisibility::whole : FaceVisibility::hidden;
+    return max_alpha > 0.0 ? FaceVisibility::whole : FaceVisibility::hidden;
   }
   const auto cutoff = static_cast<double>(material_.alpha_cutoff);
-  if (greatest < cutoff) return FaceVisibility::hidden;
-  const double least = texture.least * std::min({face.a.factor, face.b.factor, face.c.factor});
-  return least >= cutoff ? FaceVisibility::whole : FaceVisibility::partial;
+  if (max_alpha < cutoff) return FaceVisibility::hidden;
+  const double min_alpha =
+      texture.min_alpha * std::min({face.a.factor, face.b.factor, face.c.factor});
+  return min_alpha >= cutoff ? FaceVisibility::whole : FaceVisibility::partial;
 }
 
 // Returns the opacity minus the alpha cutoff.
@@ -181,26 +182,26 @@ double FaceOpacity::excess(const Corner& corner) const {
   return corner.factor * alpha - static_cast<double>(material_.alpha_cutoff);
 }
 
-template <class Take>
-bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
+template <class Visitor>
+bool FaceOpacity::walk(const Face& face, int depth, const Visitor& visit) const {
   const auto between = [](const Corner& p, const Corner& q, double t) {
     return Corner{glm::mix(p.position, q.position, t), glm::mix(p.texcoord, q.texcoord, t),
                   glm::mix(p.factor, q.factor, t)};
   };
-  const FaceVisibility sight = bounds(face);
-  if (sight == FaceVisibility::hidden) return true;
-  if (sight == FaceVisibility::whole) return take(face.a, face.b, face.c);
+  const FaceVisibility visibility = bounds(face);
+  if (visibility == FaceVisibility::hidden) return true;
+  if (visibility == FaceVisibility::whole) return visit(face.a, face.b, face.c);
   const auto& [a, b, c] = face;
   glm::dvec2 extent(0.0);
   if (alpha_) {
-    extent = (face.greatest_texcoord() - face.least_texcoord()) * alpha_->size();
+    extent = (face.max_texcoord() - face.min_texcoord()) * alpha_->size();
   }
   if (depth > 0 && std::max(extent.x, extent.y) > kFinestStep) {
     const Corner ab = between(a, b, 0.5);
     const Corner bc = between(b, c, 0.5);
     const Corner ca = between(c, a, 0.5);
-    return walk({a, ab, ca}, depth - 1, take) && walk({ab, b, bc}, depth - 1, take) &&
-           walk({ca, bc, c}, depth - 1, take) && walk({ab, bc, ca}, depth - 1, take);
+    return walk({a, ab, ca}, depth - 1, visit) && walk({ab, b, bc}, depth - 1, visit) &&
+           walk({ca, bc, c}, depth - 1, visit) && walk({ab, bc, ca}, depth - 1, visit);
   }
   // Clips the triangle at the cutoff: bisects an edge, then interpolates linearly.
   const auto crossing = [&](const Corner& p, const Corner& q, double over_p, double over_q) {
@@ -229,18 +230,18 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
     }
   }
   for (std::size_t i = 1; i + 1 < seen.size(); ++i) {
-    if (!take(seen[0], seen[i], seen[i + 1])) return false;
+    if (!visit(seen[0], seen[i], seen[i + 1])) return false;
   }
   return true;
 }
 
-FaceVisibility FaceOpacity::sight(std::size_t index) const {
+FaceVisibility FaceOpacity::visibility(std::size_t index) const {
   if (all_whole_) return FaceVisibility::whole;
   const Face whole = face(index);
   const FaceVisibility coarse = bounds(whole);
   if (coarse != FaceVisibility::partial) return coarse;
-  const bool all_hidden =
-      walk(whole, kSightDepth, [](const Corner&, const Corner&, const Corner&) { return false; });
+  const bool all_hidden = walk(whole, kVisibilityDepth,
+                               [](const Corner&, const Corner&, const Corner&) { return false; });
   return all_hidden ? FaceVisibility::hidden : FaceVisibility::partial;
 }
 
@@ -256,7 +257,7 @@ bool has_cut_outs(const Model& model) {
   return std::any_of(model.meshes.begin(), model.meshes.end(), [&model](const Mesh& mesh) {
     const FaceOpacity opacity(model, mesh);
     for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
-      if (opacity.sight(i) == FaceVisibility::partial) return true;
+      if (opacity.visibility(i) == FaceVisibility::partial) return true;
     }
     return false;
   });
@@ -273,7 +274,7 @@ int cut_out_depth(const Model& model, std::size_t max_triangles) {
       const Mesh& mesh = model.meshes[m];
       const FaceOpacity& opacity = opacities[m];
       for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
-        if (opacity.sight(i) != FaceVisibility::partial) continue;
+        if (opacity.visibility(i) != FaceVisibility::partial) continue;
         corners.clear();
         opacity.append_visible(i, depth, corners);
         triangles += corners.size() / 3;

@@ -19,7 +19,7 @@ class AlphaPyramid {
   AlphaPyramid(const Texture& texture, const TextureSampling& sampling);
 
   struct Range {
-    double least = 1.0, greatest = 1.0;
+    double min_alpha = 1.0, max_alpha = 1.0;
   };
   // Returns bounds of at() in a rectangle of texture coordinates.
   [[nodiscard]] Range range(const glm::dvec2& low, const glm::dvec2& high) const;
@@ -30,7 +30,7 @@ class AlphaPyramid {
  private:
   struct Level {
     std::int64_t width = 0, height = 0;
-    std::vector<std::uint8_t> least, greatest;
+    std::vector<std::uint8_t> min_alpha, max_alpha;
   };
   std::int64_t width_;
   std::int64_t height_;
@@ -49,7 +49,7 @@ class FaceOpacity {
   [[nodiscard]] bool all_whole() const { return all_whole_; }
   // `index`: position of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are
   // hidden if fully transparent, else whole, never partial.
-  [[nodiscard]] FaceVisibility sight(std::size_t index) const;
+  [[nodiscard]] FaceVisibility visibility(std::size_t index) const;
   // Appends the visible triangles of a face, three corners each. Their resolution is 2^depth steps
   // along an edge of the face, or a quarter of a texel if that is coarser.
   void append_visible(std::size_t index, int depth, std::vector<glm::vec3>& corners) const;
@@ -62,15 +62,15 @@ class FaceOpacity {
   };
   struct Face {
     Corner a, b, c;
-    [[nodiscard]] glm::dvec2 least_texcoord() const;
-    [[nodiscard]] glm::dvec2 greatest_texcoord() const;
+    [[nodiscard]] glm::dvec2 min_texcoord() const;
+    [[nodiscard]] glm::dvec2 max_texcoord() const;
   };
   [[nodiscard]] Face face(std::size_t index) const;
   [[nodiscard]] FaceVisibility bounds(const Face& face) const;
   [[nodiscard]] double excess(const Corner& corner) const;
   // Calls the function for each visible triangle until it returns false. Then returns false.
-  template <class Take>
-  bool walk(const Face& face, int depth, const Take& take) const;
+  template <class Visitor>
+  bool walk(const Face& face, int depth, const Visitor& visit) const;
 
   const Mesh& mesh_;
   Material material_;

@@ -53,7 +53,7 @@ struct Material {
   MaterialTexture emissive_texture;            // colour
 
   // Returns true if drawing needs more than the base colour and its texture by Mesh::texcoords.
-  [[nodiscard]] bool has_maps() const {
+  [[nodiscard]] bool needs_map_program() const {
     return metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
            occlusion_texture.image >= 0 || emissive_texture.image >= 0 ||
            base_color_texture.texcoords != 0 || alpha_mode != AlphaMode::opaque;
@@ -134,7 +134,7 @@ struct ModelLimits {
 };
 
 // Options of load_model().
-struct ModelReading {
+struct ModelLoadOptions {
   UpAxis up = UpAxis::by_format;
   double unit_m = 1.0;         // length of the file's unit [m]; glTF's is the metre
   bool stored_kernels = true;  // reads the shadow kernels of the file
@@ -145,7 +145,7 @@ struct ModelReading {
 // their buffers, counts and sizes. Reads external files only from the model's folder. Errors
 // contain the file and the cause.
 [[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
-                                       const ModelReading& reading = {});
+                                       const ModelLoadOptions& reading = {});
 
 // Makes the model's coordinates relative to `origin`, without moving it.
 void move_origin(Model& model, const Eigen::Vector3d& origin);

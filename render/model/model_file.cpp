@@ -56,18 +56,18 @@ void check_stored_kernels(Model& model, const std::string& geometry, const std::
 }
 
 // Converts y up to z up.
-glm::vec3 turned_up(const glm::vec3& v) {
+glm::vec3 z_up_from_y_up(const glm::vec3& v) {
   return {v.x, -v.z, v.y};
 }
 
-void turn_up(Model& model) {
+void convert_to_z_up(Model& model) {
   for (Mesh& mesh : model.meshes) {
-    for (glm::vec3& p : mesh.positions) p = turned_up(p);
-    for (glm::vec3& n : mesh.normals) n = turned_up(n);
-    for (glm::vec4& t : mesh.tangents) t = glm::vec4(turned_up(glm::vec3(t)), t.w);
-    for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
+    for (glm::vec3& p : mesh.positions) p = z_up_from_y_up(p);
+    for (glm::vec3& n : mesh.normals) n = z_up_from_y_up(n);
+    for (glm::vec4& t : mesh.tangents) t = glm::vec4(z_up_from_y_up(glm::vec3(t)), t.w);
+    for (glm::vec3& k : mesh.shadow_kernels) k = z_up_from_y_up(k);
   }
-  if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
+  if (model.shadow_kernel_up) model.shadow_kernel_up = z_up_from_y_up(*model.shadow_kernel_up);
   model.origin = Eigen::Vector3d(model.origin.x(), -model.origin.z(), model.origin.y());
 }
 
@@ -85,10 +85,10 @@ Eigen::AlignedBox3d bounds_of(const Model& model) {
 }
 
 // Returns the geometry_key() in a stamp of stored kernels: of the model converted from y up.
-std::string usual_geometry_key(const Model& model, UpAxis up) {
+std::string stamped_geometry(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
   Model converted = model;
-  turn_up(converted);
+  convert_to_z_up(converted);
   return geometry_key(converted);
 }
 
@@ -365,7 +365,7 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
   return {};
 }
 
-Result<Model> load_model(const std::filesystem::path& file, const ModelReading& reading) {
+Result<Model> load_model(const std::filesystem::path& file, const ModelLoadOptions& reading) {
   const std::string name = file.string();
   // The readers check coordinates in the file's unit.
   ModelLimits limits = reading.limits;
@@ -386,7 +386,8 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     if (!model) return model;
     model->name = file.stem().string();
     // The readers return the file's axes.
-    if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && gltf)) turn_up(*model);
+    if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && gltf))
+      convert_to_z_up(*model);
     if (gltf) {
       for (Texture& texture : model->textures) texture.encoded = {};
     }
@@ -396,7 +397,7 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     }
     // Stored kernels refer to the file's unit.
     std::string geometry;
-    if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, reading.up);
+    if (model->shadow_kernel_up) geometry = stamped_geometry(*model, reading.up);
     if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
     PENUMBRA_TRY_VOID(check_model(*model, name, reading.limits));
     if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);

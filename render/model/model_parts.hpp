@@ -42,8 +42,7 @@ inline constexpr double kMaxFileCoordinate = 1e12;
 // their size, else zero. Readers subtract it in double.
 [[nodiscard]] Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds);
 
-// Returns a warning if the resolution `step` [m] of the file's coordinates is too coarse for the
-// size.
+// Returns a warning if the resolution `step` [m] of the file's coordinates is too coarse.
 [[nodiscard]] std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds,
                                                              double step, const std::string& name);
 

@@ -42,7 +42,7 @@ class FaceSplitter {
   Eigen::Vector3d origin_;
   LineWarnings& warnings_;
   PolygonSplitter splitter_;
-  std::vector<Eigen::Vector3d> places_;
+  std::vector<Eigen::Vector3d> outline_;
   std::vector<ObjCorner> corners_;  // of the current face, and added corners
   ObjTriangles triangles_;
 };
@@ -88,11 +88,11 @@ void FaceSplitter::add(std::uint32_t index) {
   const auto first = file_.corners.begin() + static_cast<std::ptrdiff_t>(face.first_corner);
   corners_.assign(first, first + face.corner_count);
   if (face.corner_count == 3) return add_triangle({0, 1, 2}, index);
-  places_.clear();
+  outline_.clear();
   for (const ObjCorner& corner : corners_) {
-    places_.emplace_back(file_.positions[static_cast<std::size_t>(corner.position)] - origin_);
+    outline_.emplace_back(file_.positions[static_cast<std::size_t>(corner.position)] - origin_);
   }
-  const PolygonSplit& split = splitter_.split(places_);
+  const PolygonSplit& split = splitter_.split(outline_);
   if (split.outcome == PolygonSplit::Outcome::too_intricate) {
     warnings_.add(face.line,
                   "a face crosses itself too often to be split into triangles and is skipped; "

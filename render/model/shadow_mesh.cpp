@@ -279,9 +279,9 @@ void Welder::add_faces(const Mesh& source) {
       usable = usable && face[corner] != kNoShadowPosition;
     }
     if (!usable) continue;
-    const FaceVisibility sight = opacity.sight(i);
-    if (sight == FaceVisibility::hidden) continue;
-    if (sight == FaceVisibility::partial && welding_.cut_depth) {
+    const FaceVisibility visibility = opacity.visibility(i);
+    if (visibility == FaceVisibility::hidden) continue;
+    if (visibility == FaceVisibility::partial && welding_.cut_depth) {
       add_pieces(opacity, i, face[0]);
     } else {
       add_face(face);

@@ -75,8 +75,8 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
   return {};
 }
 
-std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
-                                                        const PlaneReceiver& receiver) const {
+std::vector<HardPass::BlockedLight> HardPass::blocked_lights(const FramePlan& plan,
+                                                             const PlaneReceiver& receiver) const {
   const auto strength_of = [&](const HardShadowDraw& draw) {
     return receiver.opacity > 0.0F ? std::min(1.0F, draw.opacity / receiver.opacity) : 0.0F;
   };
@@ -85,7 +85,7 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
     if (draw.plane == receiver.plane) kinds.emplace(draw.light, strength_of(draw));
   }
   const bool separate = kinds.size() <= kMaxHardLights;  // else one bit per light
-  std::vector<Blocked> lights;
+  std::vector<BlockedLight> lights;
   std::set<Key> seen;
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.plane != receiver.plane) continue;
@@ -93,7 +93,7 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
     const Shadow& shadow = shadows_.at(key);
     if (shadow.triangles.count() == 0 || !seen.insert(key).second) continue;
     const float strength = strength_of(draw);
-    auto found = std::ranges::find_if(lights, [&](const Blocked& known) {
+    auto found = std::ranges::find_if(lights, [&](const BlockedLight& known) {
       return known.light == draw.light && (!separate || known.strength == strength);
     });
     if (found == lights.end()) {
@@ -111,7 +111,7 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
                          const PlaneReceiver& receiver) const {
   const LensUniforms& lens = context.lens;
   Receivers& receivers = context.receivers;
-  const std::vector<Blocked> lights = blocked_lights(plan, receiver);
+  const std::vector<BlockedLight> lights = blocked_lights(plan, receiver);
   if (lights.empty()) return 0;
 
   receivers.begin_plane(plan, receiver.plane, receiver.frame, lens);

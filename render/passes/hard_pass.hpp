@@ -37,7 +37,7 @@ class HardPass : public Pass {
   };
   using Key = std::tuple<int, int, int>;  // object, plane, light
   // The meaning of one stencil bit: casters of one light with equal opacity.
-  struct Blocked {
+  struct BlockedLight {
     int light = 0;
     float strength = 1.0F;
     Eigen::AlignedBox2d bounds;
@@ -46,8 +46,8 @@ class HardPass : public Pass {
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, RenderWork& work);
-  [[nodiscard]] std::vector<Blocked> blocked_lights(const FramePlan& plan,
-                                                    const PlaneReceiver& receiver) const;
+  [[nodiscard]] std::vector<BlockedLight> blocked_lights(const FramePlan& plan,
+                                                         const PlaneReceiver& receiver) const;
   int draw_plane(const DrawContext& context, const FramePlan& plan,
                  const PlaneReceiver& receiver) const;
 

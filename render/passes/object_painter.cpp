@@ -74,7 +74,7 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
     });
   };
   const ShaderFiles vertex = {"lens.glsl", "object.vert.glsl"};
-  const bool maps = any_material(&Material::has_maps);
+  const bool maps = any_material(&Material::needs_map_program);
   const auto make = [&](std::vector<std::string_view> defines) -> Result<SurfaceProgram> {
     const ShaderFiles fragment = {"ambient.glsl", "light_share.glsl", "surface_normal.glsl",
                                   "object.frag.glsl"};
@@ -141,7 +141,7 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
     out.surface.write(vertices);
     out.surface.write_indices(mesh.indices);
     const Material& material = material_of(model, mesh.material);
-    if (material.has_maps()) {
+    if (material.needs_map_program()) {
       std::vector<MapVertex> maps(mesh.positions.size(), {glm::vec4(0.0F), glm::vec2(0.0F)});
       for (std::size_t i = 0; i < maps.size(); ++i) {
         if (i < mesh.tangents.size()) maps[i].tangent = mesh.tangents[i];
@@ -250,8 +250,8 @@ void ObjectPainter::set_material(const ShaderProgram& program, const GpuModel& g
   program.set("alpha_blends", material.alpha_mode == AlphaMode::blend ? 1 : 0);
 }
 
-int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
-                             std::span<const ObjectDraw> draws, const CameraPose& pose) const {
+int ObjectPainter::draw_surfaces(const ShaderProgram& program, bool maps, const Programs& programs,
+                                 std::span<const ObjectDraw> draws, const CameraPose& pose) const {
   int calls = 0;
   bool culls = false;
   program.use();
@@ -264,7 +264,7 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
     bool placed = false;
     for (const GpuMesh& mesh : gpu->meshes) {
       const Material& material = material_of(model, mesh.material);
-      if ((programs.maps != nullptr && material.has_maps()) != maps) continue;
+      if ((programs.maps != nullptr && material.needs_map_program()) != maps) continue;
       if (material.alpha_mode == AlphaMode::blend && !phantom) continue;
       if (!placed) {
         program.set("table_from_object", to_gl(draw.T_table_object));
@@ -287,8 +287,8 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
 int ObjectPainter::draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                             const CameraPose& pose) const {
   glFrontFace(GL_CW);  // selects counter-clockwise faces, as row 0 of the framebuffer is the top
-  int calls = draw_some(programs.plain, false, programs, draws, pose);
-  if (programs.maps != nullptr) calls += draw_some(*programs.maps, true, programs, draws, pose);
+  int calls = draw_surfaces(programs.plain, false, programs, draws, pose);
+  if (programs.maps != nullptr) calls += draw_surfaces(*programs.maps, true, programs, draws, pose);
   return calls;
 }
 

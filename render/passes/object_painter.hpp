@@ -113,8 +113,8 @@ class ObjectPainter {
   // Draws the surfaces that do not blend; of phantoms, all surfaces.
   int draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
-  int draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
-                std::span<const ObjectDraw> draws, const CameraPose& pose) const;
+  int draw_surfaces(const ShaderProgram& program, bool maps, const Programs& programs,
+                    std::span<const ObjectDraw> draws, const CameraPose& pose) const;
   static void set_material(const ShaderProgram& program, const GpuModel& gpu, int material,
                            bool maps);
   // Calls `action` for each program, in use.

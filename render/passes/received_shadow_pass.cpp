@@ -31,7 +31,7 @@ double max_texels_per_pair(const FramePlan& plan) {
 }
 
 // Returns the bounds, on the plane, of the region in which the shadow may reach the surface.
-Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
+Eigen::AlignedBox2d overlap(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
   Eigen::AlignedBox2d box = surface.bounds();
   if (std::isfinite(draw.radius)) {
     const Eigen::Vector2d reach = Eigen::Vector2d::Constant(draw.radius);
@@ -54,7 +54,7 @@ double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
     return depth;
   };
   double depth = nearest(box_corners(model, T_table_object));
-  const Eigen::AlignedBox2d box = meeting(draw, surface);
+  const Eigen::AlignedBox2d box = overlap(draw, surface);
   if (!box.isEmpty()) {
     const PlaneFrame& plane = draw.shadow.plane_frame;
     BoxCorners corners;
@@ -106,8 +106,8 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
   return surface;
 }
 
-bool ReceivedShadowPass::is_covered(const Scene& scene, const FramePlan& plan,
-                                    const ShadowDraw& draw) const {
+bool ReceivedShadowPass::draws_on_cpu(const Scene& scene, const FramePlan& plan,
+                                      const ShadowDraw& draw) const {
   if (plan.layers == LayerDrawing::direct) return false;
   if (draw.technique == ShadowTechnique::field) return true;
   CachedCaster& caster = geometry_.casters().caster_of(scene, draw);
@@ -145,9 +145,9 @@ ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
 
 int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& draw,
                                   const Surface& surface, Mask& mask, RenderWork& work) {
-  mask.shows = false;
+  mask.has_shadow = false;
   mask.levels.clear();
-  Eigen::AlignedBox2d box = meeting(draw, surface.faces);
+  Eigen::AlignedBox2d box = overlap(draw, surface.faces);
   if (box.isEmpty()) return 0;
   // Considers only the part of the caster above the receiver.
   LevelSpacing spacing;
@@ -181,7 +181,7 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.level_masks.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
   const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
                         std::llround(mask.origin.y() / texel), size.x(), size.y()};
-  if (!mask.made_for->covered) return draw_levels(scene, draw, surface, mask, work);
+  if (!mask.made_for->on_cpu) return draw_levels(scene, draw, surface, mask, work);
   cover_levels(scene, draw, surface, cells, mask, work);
   return 0;
 }
@@ -196,8 +196,8 @@ void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
     plane.q += mask.levels[level] * plane.n;
     cover_level(prepare_level(scene, draw, static_cast<int>(level), plane, true, work), cells,
                 work);
-    mask.shows =
-        mask.shows || std::ranges::any_of(coverage_, [](std::uint8_t s) { return s != 0; });
+    mask.has_shadow =
+        mask.has_shadow || std::ranges::any_of(coverage_, [](std::uint8_t s) { return s != 0; });
     mask.level_masks.upload(static_cast<int>(level), coverage_);
   }
 }
@@ -243,7 +243,7 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
                   layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
       painter_.begin_plane(white, straight, camera);
       const int drawn = painter_.draw(level.shadow, level.item, layer, 1, white);
-      mask.shows = mask.shows || drawn > 0;
+      mask.has_shadow = mask.has_shadow || drawn > 0;
       calls += drawn;
     }
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
@@ -275,10 +275,10 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
                                    *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
                                    receiver->T_table_object, pixel_at_unit_depth_);
     const MaskInputs inputs{draw.shadow, surface.version, draw.top,
-                            texel,       texels,          is_covered(scene, plan, draw.shadow)};
+                            texel,       texels,          draws_on_cpu(scene, plan, draw.shadow)};
     const auto matches = [&](const Mask& mask) { return mask.made_for == inputs; };
-    if (!matches(masks.now)) std::swap(masks.now, masks.other);
-    Mask& mask = masks.now;
+    if (!matches(masks.latest)) std::swap(masks.latest, masks.earlier);
+    Mask& mask = masks.latest;
     const bool kept = matches(mask);
     if (!kept) {
       mask.made_for = inputs;
@@ -289,7 +289,7 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
     }
     work[kept ? Counter::masks_kept : Counter::masks_drawn] +=
         static_cast<std::int64_t>(mask.levels.size());
-    if (mask.shows) shown_.push_back({&mask, &draw, *receiver});
+    if (mask.has_shadow) shown_.push_back({&mask, &draw, *receiver});
   }
   const auto unused = [this](const auto& entry) {
     return entry.second.last_used + kFramesKept < frame_count_;
@@ -381,7 +381,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
     for (auto shown = left.begin(); shown != not_parallel.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), not_parallel.begin());
-    if (context.mode == Translucency::blend) context.receivers.begin_marks();
+    if (context.mode == Translucency::blend) context.receivers.clear_stencil();
     if (context.mode == Translucency::retexture)
       context.framebuffer.copy_image(kFramebufferCopyUnit);
     for (const auto& [receiver, casters] : over) calls += draw_casters(context, plan, casters);

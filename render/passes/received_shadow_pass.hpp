@@ -46,19 +46,19 @@ class ReceivedShadowPass : public Pass {
     double top = 0.0;                  // ReceivedShadowDraw::top
     double texel = 0.0;                // texel size for the current view [m]
     double max_texels_per_pair = 0.0;  // limit for this pair of caster and receiver
-    bool covered = false;              // rasterised on the CPU instead of drawn
+    bool on_cpu = false;               // rasterised on the CPU instead of drawn
     friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };
   struct Mask {
     std::optional<MaskInputs> made_for;
     std::vector<double> levels;
-    bool shows = false;              // some level is non-empty
+    bool has_shadow = false;         // some level is non-empty
     Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
     MaskStack level_masks;
   };
   // The two most recent masks, because a camera at rest may jitter between two texel sizes.
   struct Masks {
-    Mask now, other;
+    Mask latest, earlier;
     std::uint64_t last_used = 0;
   };
   struct Shown {
@@ -75,8 +75,8 @@ class ReceivedShadowPass : public Pass {
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
   // Returns true if masks are rasterised on the CPU instead of drawn.
-  [[nodiscard]] bool is_covered(const Scene& scene, const FramePlan& plan,
-                                const ShadowDraw& draw) const;
+  [[nodiscard]] bool draws_on_cpu(const Scene& scene, const FramePlan& plan,
+                                  const ShadowDraw& draw) const;
   [[nodiscard]] Level prepare_level(const Scene& scene, const ReceivedShadowDraw& draw, int level,
                                     const PlaneFrame& plane, bool masked, RenderWork& work);
   int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,

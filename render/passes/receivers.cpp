@@ -175,7 +175,7 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glStencilMask(kShadowBits);
 }
 
-void Receivers::begin_marks() {
+void Receivers::clear_stencil() {
   glStencilMask(0xFF);
   if (used_) glClear(GL_STENCIL_BUFFER_BIT);
   used_ = true;

@@ -41,7 +41,7 @@ class Receivers {
   // Passes all pixels of the plane; disables the stencil test if the plane fills the image.
   void test_plane();
   // Clears the stencil for a pass that uses all bits, until the next begin_plane().
-  void begin_marks();
+  void clear_stencil();
 
   // Draws the grid with the current program, which must contain receiver.vert.glsl.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,

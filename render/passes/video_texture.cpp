@@ -19,7 +19,7 @@ namespace {
 constexpr std::size_t kMaxImported = 12;
 // Maximum number of frames that the GPU may be reading while the next one is drawn.
 constexpr std::size_t kMaxInUse = 1;
-constexpr GLuint64 kPatience_ns = 1'000'000'000;  // maximum wait for the GPU
+constexpr GLuint64 kMaxWait_ns = 1'000'000'000;  // maximum wait for the GPU
 
 TexelFormat texel_format(PixelFormat format, std::size_t plane) {
   if (format == PixelFormat::rgb24) return TexelFormat::rgb8;
@@ -185,7 +185,7 @@ void VideoTexture::release(std::size_t max_in_use) {
     auto* fence = static_cast<GLsync>(in_use_.front().drawn);
     const bool wait = in_use_.size() > max_in_use;
     const GLenum state = glClientWaitSync(fence, wait ? GL_SYNC_FLUSH_COMMANDS_BIT : 0U,
-                                          wait ? kPatience_ns : GLuint64{0});
+                                          wait ? kMaxWait_ns : GLuint64{0});
     if (!wait && state == GL_TIMEOUT_EXPIRED) return;
     glDeleteSync(fence);
     in_use_.pop_front();

@@ -264,8 +264,8 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
 
 }  // namespace
 
-std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
-                                     const Eigen::Vector3d& plane_point) {
+std::vector<double> sphere_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
+                                   const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double) {
     const glm::dvec3 farthest(glm::max(glm::abs(model.min_corner), glm::abs(model.max_corner)));
     const double radius = std::hypot(std::hypot(farthest.x, farthest.y), farthest.z);
@@ -273,7 +273,7 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
   });
 }
 
-std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
+std::vector<double> vertex_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                    const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known_max) {
     // Height of the bounding box's highest corner above the origin, unscaled.
@@ -298,15 +298,15 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
 }
 
 void add_default_walls(Scene& scene, ShadowNode& node) {
-  constexpr double kLevel = 0.99;  // minimum z of a horizontal plane's normal
+  constexpr double kMinHorizontalNormalZ = 0.99;  // minimum z of a horizontal plane's normal
   for (const int plane : node.planes) {
-    if (scene.planes[static_cast<std::size_t>(plane)].normal.z() < kLevel) return;
+    if (scene.planes[static_cast<std::size_t>(plane)].normal.z() < kMinHorizontalNormalZ) return;
   }
   if (node.planes.empty() || node.casters.empty()) return;
   const double floor = scene.planes[static_cast<std::size_t>(node.planes.front())].point.z();
   // Returns the casters' maximum coordinate along a direction.
   const auto max_coordinate = [&](const Eigen::Vector3d& direction) {
-    const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
+    const std::vector<double> heights = sphere_heights(scene, direction, Eigen::Vector3d::Zero());
     double highest = -std::numeric_limits<double>::infinity();
     for (const int caster : node.casters) {
       highest = std::max(highest, heights[static_cast<std::size_t>(caster)]);

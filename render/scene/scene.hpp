@@ -155,7 +155,7 @@ struct Scene {
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
   // Ambient luminance (a bright room) up to which lifted_by_ambient() changes no fractions.
-  static constexpr double kUsualAmbient = 0.36;
+  static constexpr double kBrightRoomAmbient = 0.36;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
   std::vector<std::string> warnings;                          // about valid but inadvisable content
   std::vector<LayeredAdvice> layered_advice;
@@ -205,11 +205,11 @@ struct SceneState {
 [[nodiscard]] std::vector<double> largest_scales(const Scene& scene);
 // Returns the maximum height of each object's bounding sphere above the plane over all times [m],
 // sampled at keyframes and between them.
-[[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
-                                                   const Eigen::Vector3d& plane_normal,
-                                                   const Eigen::Vector3d& plane_point);
+[[nodiscard]] std::vector<double> sphere_heights(const Scene& scene,
+                                                 const Eigen::Vector3d& plane_normal,
+                                                 const Eigen::Vector3d& plane_point);
 // Returns the maximum height of each object's vertices above the plane at the same times [m].
-[[nodiscard]] std::vector<double> highest_points(const Scene& scene,
+[[nodiscard]] std::vector<double> vertex_heights(const Scene& scene,
                                                  const Eigen::Vector3d& plane_normal,
                                                  const Eigen::Vector3d& plane_point);
 

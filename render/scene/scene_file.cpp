@@ -27,7 +27,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kShortestKey_s = 1e-6;
+constexpr double kMinKeySpacing_s = 1e-6;
 
 // A value of the file and its JSON pointer.
 struct Entry {
@@ -333,7 +333,7 @@ Result<Animation> SceneReader::read_animation(const Entry& from) {
   for (std::size_t i = 0; i < keys->value.size(); ++i) {
     const json& key = keys->value[i];
     const double time = key.at("time_s").get<double>();
-    if (i > 0 && !(time >= animation.keyframes.back().time_s + kShortestKey_s)) {
+    if (i > 0 && !(time >= animation.keyframes.back().time_s + kMinKeySpacing_s)) {
       return fail("{}/{}/time_s: is {}, not after the key before; put the keys in order of time",
                   keys->place, i, time);
     }
@@ -558,7 +558,7 @@ void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
     // other tags.
     const bool is_floor = std::abs(plane.normal.z()) > 0.5 && plane.tag_group == kTableGroup;
     if (!is_floor) continue;
-    const std::vector<double> tops = highest_points(scene_, plane.normal, plane.point);
+    const std::vector<double> tops = vertex_heights(scene_, plane.normal, plane.point);
     for (const int caster : node.casters) {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
       if (object.tag_group != kTableGroup) continue;  // moves with its tags

@@ -301,18 +301,18 @@ void run(int count) {
   vary("equal_radius", {0.9, 0.92, 0.93, 0.94, 0.95, 0.96, 0.97, 0.98, 1.0},
        member(&KernelTuning::equal_radius));
   vary("ridge_slope", {0.4, 0.5, 0.6, 0.7, 0.8, 0.9}, member(&KernelTuning::ridge_slope));
-  vary("cells_of_all", {0, 4096, 16384, 131072}, member(&KernelTuning::cells_of_all));
-  vary("most_side_cells", {64, 96, 128, 192, 256}, member(&KernelTuning::most_side_cells));
+  vary("shared_cells", {0, 4096, 16384, 131072}, member(&KernelTuning::shared_cells));
+  vary("max_side_cells", {64, 96, 128, 192, 256}, member(&KernelTuning::max_side_cells));
   // The mesh is treated as one of thousands of parts, for which the minimum over all parts does not
   // apply.
   const auto of_many = [&](auto KernelTuning::*field) {
     return [set = member(field)](KernelTuning& tuning, double value) {
-      tuning.cells_of_all = 0;
+      tuning.shared_cells = 0;
       return set(tuning, value);
     };
   };
   vary("cells_per_root", {4, 6, 8, 10, 12, 16}, of_many(&KernelTuning::cells_per_root));
-  vary("least_side_cells", {16, 24, 32, 48}, of_many(&KernelTuning::least_side_cells));
+  vary("min_side_cells", {16, 24, 32, 48}, of_many(&KernelTuning::min_side_cells));
   fmt::print("* the value in use (the last two constants: for a body of thousands of parts)\n");
 }
 

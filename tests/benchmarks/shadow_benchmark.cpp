@@ -160,8 +160,8 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
 
   KernelTuning fine;
   fine.cells_per_root *= 4.0;
-  fine.least_side_cells *= 4;
-  fine.most_side_cells *= 4;
+  fine.min_side_cells *= 4;
+  fine.max_side_cells *= 4;
   const PlaneFrame plane = PlaneFrame::make(up, Eigen::Vector3d::Zero());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Placement placement = {0.4 * constants.umbra_height * plane.n,

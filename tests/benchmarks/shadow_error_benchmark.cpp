@@ -427,7 +427,7 @@ Measured measure_proxy(const Scene& scene) {
   const ShadowKernels kernels = generate_kernels(scene.mesh, up, KernelSource::automatic);
   const auto proxy = simplified_caster(scene.mesh);
   const ProxyUse use{scene.constants, LightMode::proportional, 1.0};
-  if (!proxy || !compare_with_proxy(scene.mesh, kernels, {}, *proxy, use, false).kept()) {
+  if (!proxy || !compare_with_proxy(scene.mesh, kernels, {}, *proxy, use, false).is_sufficient()) {
     return measure_kernels(scene, KernelSource::automatic, false);
   }
   const ShadowKernels carried = carried_kernels(*proxy, kernels);
@@ -441,13 +441,13 @@ Measured measure_proxy(const Scene& scene) {
       if (layer_triangles(vertices, proxy->mesh.indices, scene.constants, which).size() == 1)
         std::abort();
   });
-  measured.tilt_ms = measured.height_ms + cpu_ms([&] {
-                       const ShadowKernels made =
-                           generate_kernels(scene.mesh, up, KernelSource::automatic);
-                       if (carried_kernels(*proxy, made).kernels.size() == 1) std::abort();
-                       if (!compare_with_proxy(scene.mesh, made, {}, *proxy, use, false).kept())
-                         std::abort();
-                     });
+  measured.tilt_ms =
+      measured.height_ms + cpu_ms([&] {
+        const ShadowKernels made = generate_kernels(scene.mesh, up, KernelSource::automatic);
+        if (carried_kernels(*proxy, made).kernels.size() == 1) std::abort();
+        if (!compare_with_proxy(scene.mesh, made, {}, *proxy, use, false).is_sufficient())
+          std::abort();
+      });
   const auto vertices = place();
   for (std::size_t i = 0; i < 3; ++i) {
     measured.layers.bits[i] = covered(
@@ -653,7 +653,7 @@ void compare_proxies(nlohmann::ordered_json& results) {
         generate_kernels(scene.mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
     const auto proxy = simplified_caster(scene.mesh);
     std::optional<double> agreement;
-    if (proxy) agreement = compare_with_proxy(scene.mesh, kernels, {}, *proxy, use, true).least();
+    if (proxy) agreement = compare_with_proxy(scene.mesh, kernels, {}, *proxy, use, true).min_iou();
     for (const bool reduced : {false, true}) {
       const Measured measured =
           reduced ? measure_proxy(scene) : measure_kernels(scene, KernelSource::automatic, false);
@@ -662,8 +662,8 @@ void compare_proxies(nlohmann::ordered_json& results) {
       errors = errors_of(measured.layers, reference);
 #endif
       const std::size_t faces = scene.mesh.indices.size() / 3;
-      const bool kept = agreement && *agreement >= kMinProxyAgreement;
-      const std::size_t casts = reduced && kept ? proxy->mesh.indices.size() / 3 : faces;
+      const bool is_sufficient = agreement && *agreement >= kMinProxyAgreement;
+      const std::size_t casts = reduced && is_sufficient ? proxy->mesh.indices.size() / 3 : faces;
       fmt::print(
           "{:<22} {:>7} {:>6}  {:<9} {:>10.4f} {:>10.4f}   {:>7.1f} {:>8.1f} {:>8.1f} {:>6.3f} "
           "{:>6.3f} {:>6.3f}\n",

@@ -72,8 +72,8 @@ inline std::vector<KernelDistance> kernel_distances(const ShadowMesh& mesh,
     }
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) points += has_face[i] ? 1.0 : 0.0;
     const double cells = std::clamp(tuning.cells_per_root * std::sqrt(points),
-                                    static_cast<double>(tuning.least_side_cells),
-                                    static_cast<double>(tuning.most_side_cells));
+                                    static_cast<double>(tuning.min_side_cells),
+                                    static_cast<double>(tuning.max_side_cells));
     const auto within = [&rings](const Eigen::Vector2d& p) {
       bool odd = false;
       for (const Ring& ring : rings) {

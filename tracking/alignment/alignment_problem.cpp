@@ -101,7 +101,7 @@ void AlignmentProblem::place(AlignedTag& tag) const {
 }
 
 // Finds the row of the tag's centre, and the camera motion until a rolling shutter reads it.
-void AlignmentProblem::read_out(AlignedTag& tag) const {
+void AlignmentProblem::find_row_motion(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
   if (row_velocity.isZero()) return;
@@ -171,11 +171,11 @@ void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px
                         tag.depth[top + last] > 0.0F;
 }
 
-const std::int32_t* AlignmentProblem::find_cells(const AlignedTag& tag) {
-  cell_places_.resize(std::max(cell_places_.size(), tag.lattice_a.size()));
-  loops->cell_places(tag.side, {tag.pixel_x.data(), tag.pixel_y.data(), tag.depth.data()},
-                     {image.width, image.height, image.stride}, cell_places_.data());
-  return cell_places_.data();
+const std::int32_t* AlignmentProblem::find_cell_pixels(const AlignedTag& tag) {
+  cell_pixels_.resize(std::max(cell_pixels_.size(), tag.lattice_a.size()));
+  loops->cell_pixels(tag.side, {tag.pixel_x.data(), tag.pixel_y.data(), tag.depth.data()},
+                     {image.width, image.height, image.stride}, cell_pixels_.data());
+  return cell_pixels_.data();
 }
 
 // Computes the tag's image motion during the exposure, and chooses the number of moments.
@@ -274,7 +274,7 @@ void AlignmentProblem::find_visible(Projection projection) {
   moved_since_projection_px = 0.0;
   for (AlignedTag& tag : tags) {
     if (tag.rejected) continue;
-    read_out(tag);
+    find_row_motion(tag);
     place(tag);
     tag.visible = measure(tag);
     if (!tag.visible) {

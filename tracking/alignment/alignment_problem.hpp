@@ -106,10 +106,10 @@ struct AlignmentProblem {
   }
   // Returns, for cell (i, j) at index j * side + i, the memory offset of the pixel nearest to its
   // centre, or simd::kNowhere. Valid until the next call.
-  [[nodiscard]] const std::int32_t* find_cells(const AlignedTag& tag);
+  [[nodiscard]] const std::int32_t* find_cell_pixels(const AlignedTag& tag);
 
  private:
-  void read_out(AlignedTag& tag) const;
+  void find_row_motion(AlignedTag& tag) const;
   void project(AlignedTag& tag, double added_variance_px2, simd::Vertices& vertices) const;
   void project_search(AlignedTag& tag) const;
   void measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
@@ -118,7 +118,7 @@ struct AlignmentProblem {
   static constexpr int kMaxMoments = 16;
   // paths_[n]: camera motion from T_camera_map to each of n moments; computed when needed.
   std::array<std::vector<Eigen::Isometry3d>, kMaxMoments + 1> paths_;
-  std::vector<std::int32_t> cell_places_;
+  std::vector<std::int32_t> cell_pixels_;
 };
 
 }  // namespace penumbra

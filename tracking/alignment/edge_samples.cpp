@@ -21,7 +21,7 @@ double mean_of(const std::array<double, 2>& reach_px) {
 
 }  // namespace
 
-int EdgeSampler::Band::rows_at_most(double reach_px) const {
+int EdgeSampler::Band::max_row_count(double reach_px) const {
   return count > 0 ? count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
 }
 
@@ -44,7 +44,7 @@ void EdgeSampler::read_levels() {
     double black = 0.0;
     int whites = 0;
     int blacks = 0;
-    const std::int32_t* const places = problem_.find_cells(*tag);
+    const std::int32_t* const places = problem_.find_cell_pixels(*tag);
     for (const DataCell& cell : tag->pattern.data_cells()) {
       const std::int32_t place = places[cell.j * tag->side + cell.i];
       if (place == simd::kNowhere) continue;
@@ -90,7 +90,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
     attach(tag, s);
     return;
   }
-  keep_on_paper(tag);
+  remove_samples_near_outline(tag);
   for (int k = 0; k < tag.moments; ++k) {
     const auto moment = static_cast<std::size_t>(k);
     simd::Samples& s_k = tag.moment_samples[moment];
@@ -102,7 +102,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
 }
 
 // Removes samples that mix with light from beside the tag at the start or end of the exposure.
-void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
+void EdgeSampler::remove_samples_near_outline(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
   // A line affects pixels up to 2.5 sigma away.
   const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
@@ -160,9 +160,9 @@ void EdgeSampler::attach(const AlignedTag& tag, const simd::Samples& samples) co
   }
 }
 
-void EdgeSampler::take_samples(AlignedTag& tag, int capacity) {
+void EdgeSampler::allocate_samples(AlignedTag& tag, int capacity) {
   tag.capacity = capacity;
-  arena_.take(capacity, tag.reach, tag.samples);
+  arena_.allocate(capacity, tag.reach, tag.samples);
   // The loops write whole blocks.
   if (const auto room = static_cast<std::size_t>(capacity + simd::kBlock); tag.vertex.size() < room)
     tag.vertex.resize(room + room / 2);
@@ -251,10 +251,10 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
   std::array<int, 2> counts{};
   for (const std::size_t k : {0U, 1U})
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
-  const std::array<int, 2> max_rows = {band.rows_at_most(reach_px[0]),
-                                       band.rows_at_most(reach_px[1])};
+  const std::array<int, 2> max_rows = {band.max_row_count(reach_px[0]),
+                                       band.max_row_count(reach_px[1])};
   // The loops may write three pixels beyond the end.
-  take_samples(tag, max_rows[0] * counts[0] + max_rows[1] * counts[1] + 4);
+  allocate_samples(tag, max_rows[0] * counts[0] + max_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
   const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
   const std::array<float, 20> offsets = band.row_offsets();
@@ -312,9 +312,9 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   }
   walk.stride_px = band.stride(mean_of(reach_px), length, tilt, cap);
   tag.thinned = walk.stride_px > 1.0;
-  walk.max_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
+  walk.max_rows = band.max_row_count(std::max(reach_px[0], reach_px[1]));
   // The loops may write three pixels beyond the end.
-  take_samples(tag, walk.max_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
+  allocate_samples(tag, walk.max_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
   const std::array<float, 20> offsets = band.row_offsets();
   fill_plan(band, offsets, walk.count, tag, walk);
   tag.used = problem_.loops->walk_runs(problem_.lens, walk, tag.samples);
@@ -323,7 +323,7 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
 
 void EdgeSampler::read_cells(AlignedTag& tag) {
   const std::vector<DataCell>& cells = tag.pattern.data_cells();
-  take_samples(tag, static_cast<int>(cells.size()));
+  allocate_samples(tag, static_cast<int>(cells.size()));
   simd::Samples& s = tag.samples;
   tag.used = 0;
   tag.step_count = 0;
@@ -373,7 +373,7 @@ std::vector<EdgePixel> EdgeSampler::edge_pixels(std::span<const TagAlignment> se
     AlignedTag& tag = problem_.tags[static_cast<std::size_t>(seen[k].index)];
     PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
     problem_.project_lattice(tag, 0.0);
-    arena_.give_back();
+    arena_.free_samples();
     select(tag, false, kEveryPixel);
     simd::Samples& s = tag.samples;
     evaluate(tag);

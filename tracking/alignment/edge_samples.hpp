@@ -16,13 +16,13 @@ inline constexpr int kEveryPixel = 1'000'000;  // no limit for the samples of a 
 
 class EdgeSampler {
  public:
-  EdgeSampler(AlignmentProblem& problem, std::size_t first_floats)
-      : problem_(problem), arena_(first_floats) {}
+  EdgeSampler(AlignmentProblem& problem, std::size_t initial_floats)
+      : problem_(problem), arena_(initial_floats) {}
 
   // Estimates gain and offset of each tag from its data cells in this image.
   void read_levels();
   // Frees the samples of all tags for the next selection.
-  void give_back() { arena_.give_back(); }
+  void free_samples() { arena_.free_samples(); }
   // Selects about `cap` pixels or fewer at the edges of one tag.
   void select(AlignedTag& tag, bool wide, int cap);
   // Samples the data cells' centres and evaluates the model for them.
@@ -39,7 +39,7 @@ class EdgeSampler {
   struct Band {
     std::array<int, 16> offsets{};
     int count = 0;
-    [[nodiscard]] int rows_at_most(double reach_px) const;
+    [[nodiscard]] int max_row_count(double reach_px) const;
     // Returns the step length [px] for about `cap` samples on edges that extend by `length` along
     // the nearer and by `tilt` along the other image axis [px].
     [[nodiscard]] double stride(double reach_px, double length, double tilt, int cap) const;
@@ -52,10 +52,10 @@ class EdgeSampler {
                   double stride);
   void fill_plan(const Band& band, const std::array<float, 20>& offsets, int steps, AlignedTag& tag,
                  simd::WalkPlan& plan) const;
-  void take_samples(AlignedTag& tag, int capacity);
+  void allocate_samples(AlignedTag& tag, int capacity);
   void locate_samples(AlignedTag& tag) const;
   void finish_samples(AlignedTag& tag);
-  void keep_on_paper(AlignedTag& tag) const;
+  void remove_samples_near_outline(AlignedTag& tag) const;
   void attach(const AlignedTag& tag, const simd::Samples& samples) const;
   void evaluate(AlignedTag& tag) const;
 

@@ -14,10 +14,11 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMinComparedTags = 3;  // minimum number of tags for a comparison
-constexpr std::size_t kFewCompared = 4;  // with more tags, one error of the map has little effect
+constexpr std::size_t kMaxTagsForMapError =
+    4;  // with more tags, one error of the map has little effect
 
 // Returns the sum of squares per degree of freedom: three per tag, minus six of the pose.
-double per_freedom(double sum, std::size_t tags) {
+double per_degree_of_freedom(double sum, std::size_t tags) {
   constexpr double kOfPose = 6.0;
   return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
 }
@@ -76,9 +77,9 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
                                       AlignmentResult& result) const {
   double tags_count = 0.0;
   Matrix6d H = Matrix6d::Zero();
-  Matrix6d H_of_places = Matrix6d::Zero();
+  Matrix6d H_translation_square = Matrix6d::Zero();
   Matrix6d W = Matrix6d::Zero();
-  Matrix6d W_of_places = Matrix6d::Zero();
+  Matrix6d W_translation_square = Matrix6d::Zero();
   Vector6d weighted_sum = Vector6d::Zero();
   double squares = 0.0;
   double trace = 0.0;
@@ -95,9 +96,9 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
     if (!weight.allFinite() || !x.allFinite()) continue;
     tags_count += 1.0;
     H += equations.H;
-    H_of_places += equations.H.leftCols<3>() * equations.H.topRows<3>();
+    H_translation_square += equations.H.leftCols<3>() * equations.H.topRows<3>();
     W += weight;
-    W_of_places += weight.leftCols<3>() * weight.topRows<3>();
+    W_translation_square += weight.leftCols<3>() * weight.topRows<3>();
     weighted_sum += weight * x;
     squares += x.dot(weight * x);
     trace += weight.topLeftCorner<3, 3>().trace();
@@ -105,14 +106,14 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   if (tags_count < 2.0) return;
   const Eigen::LDLT<Matrix6d> together(W);
   squares -= weighted_sum.dot(together.solve(weighted_sum));
-  trace -= together.solve(W_of_places).trace();
+  trace -= together.solve(W_translation_square).trace();
   const double freedom = 6.0 * (tags_count - 1.0);
   if (!(squares > freedom) || !(trace > 0.0)) return;
   const Matrix6d inverse = inverse_of_spd(H);
   // A variance estimated from three values is scaled by three (Student's t).
   constexpr double kStudentFactor = 3.0;
   const Matrix6d map_covariance =
-      kStudentFactor * (squares - freedom) / trace * inverse * H_of_places * inverse;
+      kStudentFactor * (squares - freedom) / trace * inverse * H_translation_square * inverse;
   if (!map_covariance.allFinite()) return;
   result.map_covariance = map_covariance;
   // 99 % quantile of chi-square (Wilson and Hilferty, The distribution of chi-square, 1931).
@@ -138,7 +139,7 @@ int MapAgreement::find_outlier(double squares) const {
     H_all += equations.H;
     g_all += equations.g;
   }
-  double limit = max_ratio * per_freedom(squares, count);
+  double limit = max_ratio * per_degree_of_freedom(squares, count);
   int outlier = -1;
   for (const std::size_t without : order) {
     const TagEquations& removed = equations_[without];
@@ -151,8 +152,8 @@ int MapAgreement::find_outlier(double squares) const {
       const Eigen::Vector3d gradient = other.motions.transpose() * (other.g - other.H * motion);
       remaining += gradient.dot(other.inverse * gradient);
     }
-    if (!(per_freedom(remaining, count - 1) < limit)) continue;
-    limit = per_freedom(remaining, count - 1);
+    if (!(per_degree_of_freedom(remaining, count - 1) < limit)) continue;
+    limit = per_degree_of_freedom(remaining, count - 1);
     outlier = removed.index;
   }
   return outlier;
@@ -163,7 +164,8 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
                          AlignmentResult& result) {
   collect(problem, solver);
   const std::size_t count = equations_.size();
-  if (count > 1 && count <= kFewCompared) estimate_map_error(problem, solver.variance(), result);
+  if (count > 1 && count <= kMaxTagsForMapError)
+    estimate_map_error(problem, solver.variance(), result);
   if (count < kMinComparedTags) return;
   double squares = 0.0;
   double shifts_px2 = 0.0;
@@ -175,11 +177,11 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
     shifts_px2 += shift.head<2>().squaredNorm();
   }
   result.displacement_px = std::sqrt(shifts_px2 / static_cast<double>(count));
-  result.disagreement = per_freedom(squares, count) / solver.variance();
+  result.disagreement = per_degree_of_freedom(squares, count) / solver.variance();
   // Lens, camera response and paper displace real tags by less than this.
   constexpr double kMinDisagreement_px = 0.1;
   if (count > kMinComparedTags && result.displacement_px >= kMinDisagreement_px &&
-      result.disagreement >= kDisagree)
+      result.disagreement >= kInconsistentDisagreement)
     result.inconsistent_tag = find_outlier(squares);
 }
 

@@ -15,8 +15,10 @@ namespace {
 // Minimum explained variance fraction of a sharp image; with a blur of 1.5 cells it is 16 / 18.
 constexpr double kClear = 8.0 / 9.0;
 // Factors of the variance; see docs/tracking.md#motion-blur.
-constexpr double kShared = 0.5;    // factor of a shift's variance if rotations are unobservable too
-constexpr double kOwnAway = 0.25;  // factor of a rotation's slope variance if the motion is known
+constexpr double kShiftFactor =
+    0.5;  // factor of a shift's variance if rotations are unobservable too
+constexpr double kRotationSlopeFactor =
+    0.25;  // factor of a rotation's slope variance if the motion is known
 // Number of tags above which more tags do not reduce the variance of a common rotation.
 constexpr double kMaxTagsForRotation = 12.0;
 
@@ -71,7 +73,7 @@ double explained_by_best_cells(const float* models, const float* values, int cou
   return explained / (explained + unexplained / kOfNormal);
 }
 
-Vector6d part_of(const std::optional<Vector6d>& motion, int share, int shares) {
+Vector6d fraction_of(const std::optional<Vector6d>& motion, int share, int shares) {
   return motion ? Vector6d(static_cast<double>(share) / shares * *motion) : Vector6d::Zero();
 }
 
@@ -84,41 +86,41 @@ MotionBlurCheck::MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler
   // Includes unverified tags, which may be blurred.
   for (const TagAlignment& of : tags) {
     if (of.explained < 0.0) continue;
-    seen_.push_back(&problem_.tags[static_cast<std::size_t>(of.index)]);
-    shares_.push_back(of.explained);
+    tags_.push_back(&problem_.tags[static_cast<std::size_t>(of.index)]);
+    explained_.push_back(of.explained);
   }
 }
 
 double MotionBlurCheck::median() {
-  const auto middle = shares_.begin() + static_cast<std::ptrdiff_t>(shares_.size() / 2);
-  std::ranges::nth_element(shares_, middle);
+  const auto middle = explained_.begin() + static_cast<std::ptrdiff_t>(explained_.size() / 2);
+  std::ranges::nth_element(explained_, middle);
   return *middle;
 }
 
 MotionBlurError MotionBlurCheck::check(const std::optional<Vector6d>& motion, bool known,
                                        double longest_cells) {
-  if (seen_.empty() || (motion && !motion->allFinite())) return {};
+  if (tags_.empty() || (motion && !motion->allFinite())) return {};
   // Uses the median, because some tags may be occluded.
   if (problem_.exposure_motion.isZero(0.0) && median() >= kClear) return {};
   const Vector6d motion_before = problem_.exposure_motion;
   measure(motion, longest_cells);
-  find_share(motion, known);
+  find_fraction(motion, known);
   problem_.set_exposure_motion(motion_before);
-  for (AlignedTag* tag : seen_) std::ignore = problem_.measure(*tag);
-  return sum_up(motion, known);
+  for (AlignedTag* tag : tags_) std::ignore = problem_.measure(*tag);
+  return pose_error(motion, known);
 }
 
 // Measures the blur of each tag along the motion, and in any direction.
 void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double longest_cells) {
   if (motion) problem_.set_exposure_motion(*motion);
-  for (AlignedTag* tag : seen_) {
+  for (AlignedTag* tag : tags_) {
     if (!problem_.measure(*tag, BlurModel::moments)) continue;
     const int index = problem_.index_of(*tag);
     const double length_px = motion ? tag->motion_px.norm() : 0.0;
     if (longest_cells > 0.0) {
       const double cell_px =
           std::sqrt(0.5 * (tag->along_a.squaredNorm() + tag->along_b.squaredNorm()));
-      others_.push_back(
+      any_direction_.push_back(
           {index, std::max(longest_cells * cell_px, length_px), cell_px, Eigen::Vector2d::Zero()});
     }
     if (!motion) continue;
@@ -126,49 +128,50 @@ void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double long
     cell_px << tag->along_a, tag->along_b;
     const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
     if (cells > 1.0)
-      along_.push_back({index, length_px, length_px / cells, tag->motion_px / length_px});
+      along_motion_.push_back({index, length_px, length_px / cells, tag->motion_px / length_px});
   }
 }
 
 // Models the image with a fraction of the motion; keeps the best fraction.
-void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int share) {
-  problem_.set_exposure_motion(part_of(motion, share, kShares));
-  shares_.clear();
-  for (AlignedTag* tag : seen_) {
+void MotionBlurCheck::try_fraction(const std::optional<Vector6d>& motion, int share) {
+  problem_.set_exposure_motion(fraction_of(motion, share, kFractions));
+  explained_.clear();
+  for (AlignedTag* tag : tags_) {
     if (!problem_.measure(*tag, BlurModel::moments)) continue;
     if (tag->moments > 1) problem_.place_moments(*tag);
     problem_.project_lattice(*tag, 0.0);
-    sampler_.give_back();
+    sampler_.free_samples();
     sampler_.read_cells(*tag);
     sampler_.average_cells(*tag);
     const double explained =
         explained_by_best_cells(tag->samples.model, tag->samples.value, tag->used);
-    if (explained >= 0.0) shares_.push_back(explained);
+    if (explained >= 0.0) explained_.push_back(explained);
   }
-  const double median_explained = shares_.empty() ? 0.0 : median();
-  if (median_explained <= best_) return;
-  best_ = median_explained;
-  share_ = share;
+  const double median_explained = explained_.empty() ? 0.0 : median();
+  if (median_explained <= best_explained_) return;
+  best_explained_ = median_explained;
+  best_fraction_ = share;
 }
 
-void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool known) {
-  if (!along_.empty() || !others_.empty()) explain_by(motion, 0);
-  if (best_ >= kClear) {  // the image is sharp
-    along_.clear();
-    others_.clear();
+void MotionBlurCheck::find_fraction(const std::optional<Vector6d>& motion, bool known) {
+  if (!along_motion_.empty() || !any_direction_.empty()) try_fraction(motion, 0);
+  if (best_explained_ >= kClear) {  // the image is sharp
+    along_motion_.clear();
+    any_direction_.clear();
   }
-  if (along_.empty()) return;
+  if (along_motion_.empty()) return;
   if (known) {
-    explain_by(motion, kShares);
+    try_fraction(motion, kFractions);
     return;
   }
-  for (int share = 2; share <= kShares; share += 2) explain_by(motion, share);
-  const int best_even = share_;
-  if (best_even > 0) explain_by(motion, best_even - 1);
-  if (best_even < kShares) explain_by(motion, best_even + 1);
+  for (int share = 2; share <= kFractions; share += 2) try_fraction(motion, share);
+  const int best_even = best_fraction_;
+  if (best_even > 0) try_fraction(motion, best_even - 1);
+  if (best_even < kFractions) try_fraction(motion, best_even + 1);
 }
 
-MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, bool known) const {
+MotionBlurError MotionBlurCheck::pose_error(const std::optional<Vector6d>& motion,
+                                            bool known) const {
   double squares = 0.0;
   // Adds a prior of 1 m and 1 rad for directions without information.
   Matrix6d H = variance_ * Matrix6d::Identity();
@@ -176,26 +179,26 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
   const Matrix6d inverse = inverse_of_spd(H);
   const auto count = static_cast<double>(equations_.size());
   const bool turns = equations_.size() > 1;
-  const bool only_along = others_.empty();
-  std::vector<Blur> blurs = along_;
-  blurs.insert(blurs.end(), others_.begin(), others_.end());
+  const bool only_along = any_direction_.empty();
+  std::vector<Blur> blurs = along_motion_;
+  blurs.insert(blurs.end(), any_direction_.begin(), any_direction_.end());
   MotionBlurError error;
   for (const Blur& blur : blurs) {
     const bool anywhere = blur.anywhere();
     const double blurred_px = anywhere ? 0.0
                               : known  ? blur.length_px
-                                       : blur.length_px * share_ / kShares;
+                                       : blur.length_px * best_fraction_ / kFractions;
     const double flat_px = std::max(blurred_px - 2.0 * blur.cell_px, 0.0);
-    const double away_px = anywhere || only_along
-                               ? (1.0 - std::sqrt(best_)) * (blur.cell_px + 0.5 * blur.length_px)
-                               : 0.0;
+    const double away_px = anywhere || only_along ? (1.0 - std::sqrt(best_explained_)) *
+                                                        (blur.cell_px + 0.5 * blur.length_px)
+                                                  : 0.0;
     const double flat2 = flat_px * flat_px / 12.0;
     const double away2 = away_px * away_px;
-    squares += (turns ? kShared : 1.0) * (flat2 + away2);
+    squares += (turns ? kShiftFactor : 1.0) * (flat2 + away2);
     const auto of = std::ranges::find(equations_, blur.index, &TagEquations::index);
     if (!turns || of == equations_.end()) continue;
-    const double own2 =
-        std::max(count / kMaxTagsForRotation, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
+    const double own2 = std::max(count / kMaxTagsForRotation, 1.0) *
+                        (flat2 + (anywhere ? 1.0 : kRotationSlopeFactor) * away2);
     // Camera motions that move the tag's centre by 1 px along each image axis.
     const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
     Eigen::Matrix<double, 2, 3> J;
@@ -212,8 +215,9 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
   }
   // Assumes errors of 1 m and 1 rad if the image gives no information.
   if (!error.covariance.allFinite()) error.covariance.setIdentity();
-  if (motion && !along_.empty()) error.motion = static_cast<double>(share_) / kShares * *motion;
-  error.shift_px = std::sqrt(squares / static_cast<double>(seen_.size()));
+  if (motion && !along_motion_.empty())
+    error.motion = static_cast<double>(best_fraction_) / kFractions * *motion;
+  error.shift_px = std::sqrt(squares / static_cast<double>(tags_.size()));
   return error;
 }
 

@@ -34,24 +34,24 @@ class MotionBlurCheck {
     [[nodiscard]] bool anywhere() const { return direction.isZero(0.0); }
   };
   // Number of fractions of a motion that are tried.
-  static constexpr int kShares = 8;
+  static constexpr int kFractions = 8;
 
   void measure(const std::optional<Vector6d>& motion, double longest_cells);
-  void explain_by(const std::optional<Vector6d>& motion, int share);
-  void find_share(const std::optional<Vector6d>& motion, bool known);
-  [[nodiscard]] MotionBlurError sum_up(const std::optional<Vector6d>& motion, bool known) const;
+  void try_fraction(const std::optional<Vector6d>& motion, int share);
+  void find_fraction(const std::optional<Vector6d>& motion, bool known);
+  [[nodiscard]] MotionBlurError pose_error(const std::optional<Vector6d>& motion, bool known) const;
   [[nodiscard]] double median();
 
   AlignmentProblem& problem_;
   EdgeSampler& sampler_;
   std::span<const TagEquations> equations_;
   double variance_;
-  std::vector<AlignedTag*> seen_;
-  std::vector<double> shares_;  // explained variance fraction of each tag
-  std::vector<Blur> along_;     // tags blurred along the motion
-  std::vector<Blur> others_;    // tags blurred in any direction
-  double best_ = 0.0;           // largest median of shares_ for any fraction of the motion
-  int share_ = 0;               // fraction of the motion that gives best_ [1 / kShares]
+  std::vector<AlignedTag*> tags_;
+  std::vector<double> explained_;    // explained variance fraction of each tag
+  std::vector<Blur> along_motion_;   // tags blurred along the motion
+  std::vector<Blur> any_direction_;  // tags blurred in any direction
+  double best_explained_ = 0.0;      // largest median of shares_ for any fraction of the motion
+  int best_fraction_ = 0;  // fraction of the motion that gives best_explained_ [1 / kFractions]
 };
 
 }  // namespace penumbra

@@ -12,7 +12,7 @@ using Two = double __attribute__((vector_size(16)));
 using Pair = float __attribute__((vector_size(8), may_alias));
 
 // Sums over the edges in one lattice direction. The camera response and bright light widen all
-// white areas; squares_left() removes this common displacement of the edges.
+// white areas; squares_without_widening() removes this common displacement of the edges.
 struct Direction {
   Two sums{};     // of s (an edge's leverage * residual) and q (leverage * slope)
   Two squares{};  // of s^2 and q^2
@@ -24,7 +24,7 @@ struct Direction {
     products += both[0] * both[1];
   }
   // Returns the sum of squares without the widening.
-  [[nodiscard]] double squares_left() const {
+  [[nodiscard]] double squares_without_widening() const {
     if (!(sums[1] > 0.0)) return 0.0;
     const double widening = sums[0] / sums[1];
     return squares[0] - 2.0 * widening * products + widening * widening * squares[1];
@@ -84,7 +84,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
     if (tag->used < kMinSamples || !(tag->gain > 1.5)) continue;
     parameters += 2;
     simd::Samples s = tag->samples;
-    s.leverage = arena.lend(3 * static_cast<std::size_t>(s.count));
+    s.leverage = arena.temporary_floats(3 * static_cast<std::size_t>(s.count));
     simd::LeverageInput in;
     in.inverse_gain = static_cast<float>(1.0 / tag->gain);
     in.offset = static_cast<float>(tag->offset);
@@ -95,7 +95,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   const int freedom = expected.edges - parameters;
   if (freedom < 4 || !(expected.sum > 0.0)) return 1.0;
   double observed = 0.0;
-  for (const Direction& direction : directions) observed += direction.squares_left();
+  for (const Direction& direction : directions) observed += direction.squares_without_widening();
   // The residuals include the displacements that the latest step removed.
   const Vector6d& step = solver.last_step();
   observed -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *

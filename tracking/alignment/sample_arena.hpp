@@ -21,25 +21,25 @@ namespace penumbra {
 // part on construction, so that no frame waits for a page fault.
 class SampleArena {
  public:
-  explicit SampleArena(std::size_t first_floats) { parts_.emplace_back(first_floats); }
-  void give_back() {
+  explicit SampleArena(std::size_t initial_floats) { parts_.emplace_back(initial_floats); }
+  void free_samples() {
     part_ = 0;
     used_ = 0;
   }
   // Allocates 64-byte aligned arrays of `capacity` samples, except `leverage`, `vertex` and the
   // elements of `c` that `reach` does not use.
-  void take(int capacity, int reach, simd::Samples& s) {
+  void allocate(int capacity, int reach, simd::Samples& s) {
     s.count = padded(capacity);
-    take_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
-              s.residual);
+    allocate_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
+                  s.residual);
     allocate_anchors(reach, s);
   }
   // Allocates new arrays for the members that depend on the anchor.
   void allocate_anchors(int reach, simd::Samples& s) {
-    take_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
+    allocate_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
     if (reach > 1)
-      take_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11], s.c[12],
-                s.c[13], s.c[14], s.c[15]);
+      allocate_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11],
+                    s.c[12], s.c[13], s.c[14], s.c[15]);
   }
   // Allocates `count` floats, 64-byte aligned if all counts are multiples of 16.
   [[nodiscard]] float* floats(std::size_t count) {
@@ -57,7 +57,7 @@ class SampleArena {
     return at;
   }
   // Allocates floats that are valid only until the next allocation.
-  [[nodiscard]] float* lend(std::size_t count) {
+  [[nodiscard]] float* temporary_floats(std::size_t count) {
     float* const at = floats(count);
     used_ -= count;
     return at;
@@ -65,7 +65,7 @@ class SampleArena {
 
  private:
   template <class... Array>
-  void take_each(int count, Array&... arrays) {
+  void allocate_each(int count, Array&... arrays) {
     const auto each = static_cast<std::size_t>(count);
     float* next = floats(sizeof...(arrays) * each);
     ((arrays = std::exchange(next, next + each)), ...);

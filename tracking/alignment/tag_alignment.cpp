@@ -66,8 +66,8 @@ double variance_inflation(const AlignmentResult& result) {
 }
 
 struct TagAligner::Impl {
-  Impl(AlignmentProblem problem_, std::size_t first_floats)
-      : problem(std::move(problem_)), sampler(problem, first_floats) {}
+  Impl(AlignmentProblem problem_, std::size_t initial_floats)
+      : problem(std::move(problem_)), sampler(problem, initial_floats) {}
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
 
@@ -161,7 +161,7 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
 
 bool TagAligner::Impl::wide_stage() {
   const int cap = filled_blocks(problem.active.size() > 8 ? 1 : 2);
-  sampler.give_back();
+  sampler.free_samples();
   for (AlignedTag* tag : problem.active) sampler.select(*tag, true, cap);
   return solver.step(0.0, PoseSolver::StepBy::weights) &&
          solver.step(kWideCutoff, PoseSolver::StepBy::weights);
@@ -199,7 +199,7 @@ bool TagAligner::Impl::fine_stage(bool near) {
   for (int round = 0; round < kFineRounds;) {
     if (round > 0 || !near) problem.find_visible(Projection::fine);
     counters.samples = 0;
-    sampler.give_back();
+    sampler.free_samples();
     for (AlignedTag* tag : problem.active) {
       sampler.select(*tag, false, sparse ? std::min(now, plan.sparse_cap) : now);
       counters.samples += tag->used;
@@ -291,9 +291,9 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
   PENUMBRA_TRY(AlignmentProblem problem, AlignmentProblem::make(camera, tags, options));
   const std::size_t pixels =
       static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
-  const std::size_t first_floats =
+  const std::size_t initial_floats =
       kFloatsPerSample * std::min(tags.size() * kSamplesPerTag, pixels / kPixelsPerSample);
-  return TagAligner(std::make_unique<Impl>(std::move(problem), first_floats));
+  return TagAligner(std::make_unique<Impl>(std::move(problem), initial_floats));
 }
 
 const AlignmentOptions& TagAligner::options() const {

@@ -63,7 +63,7 @@ struct AlignmentInput {
 };
 
 // Tags are inconsistent with the map if AlignmentResult::disagreement is at least this.
-inline constexpr double kDisagree = 9.0;
+inline constexpr double kInconsistentDisagreement = 9.0;
 
 struct TagAlignment {
   int index = 0;  // index into the list of create()

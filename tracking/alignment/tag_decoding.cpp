@@ -18,13 +18,13 @@ class Explained {
     value_ += value;
     model2_ += model * model;
     value2_ += value * value;
-    both_ += model * value;
+    model_value_ += model * value;
   }
   // Returns 0 if the correlation is not positive; negative for too few cells.
   [[nodiscard]] double share() const {
     constexpr double kMinCells = 16.0;
     if (count_ < kMinCells) return -1.0;
-    const double cross = count_ * both_ - model_ * value_;
+    const double cross = count_ * model_value_ - model_ * value_;
     const double variances =
         (count_ * model2_ - model_ * model_) * (count_ * value2_ - value_ * value_);
     return cross > 0.0 && variances > 0.0 ? std::min(cross * cross / variances, 1.0) : 0.0;
@@ -32,7 +32,7 @@ class Explained {
 
  private:
   double count_ = 0.0, model_ = 0.0, value_ = 0.0;
-  double model2_ = 0.0, value2_ = 0.0, both_ = 0.0;
+  double model2_ = 0.0, value2_ = 0.0, model_value_ = 0.0;
 };
 
 struct Cells {
@@ -63,7 +63,7 @@ Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
   const double covered = 0.25 * tag.gain;
   Cells cells;
   Explained explained;
-  const std::int32_t* const places = problem.find_cells(tag);
+  const std::int32_t* const places = problem.find_cell_pixels(tag);
   for (const DataCell& cell : tag.pattern.data_cells()) {
     const std::int32_t place = places[cell.j * tag.side + cell.i];
     if (place == simd::kNowhere) continue;
@@ -85,7 +85,7 @@ Cells read_by_model(EdgeSampler& sampler, AlignedTag& tag) {
   const double covered = 0.25 * tag.gain;
   Cells cells;
   Explained explained;
-  sampler.give_back();
+  sampler.free_samples();
   sampler.read_cells(tag);
   const simd::Samples& s = tag.samples;
   for (int i = 0; i < tag.used; ++i) {

@@ -14,18 +14,18 @@
 namespace penumbra {
 namespace {
 
-constexpr double kStart = 1.5;                            // typical exponent of a camera
+constexpr double kTypicalExponent = 1.5;                  // typical exponent of a camera
 constexpr double kMinExponent = 0.5, kMaxExponent = 4.0;  // range of exponents
 constexpr double kMinBlur_px = 0.25, kMaxBlur_px = 1.6;
-constexpr double kSettledBlur = 0.05;  // change of log(blur) at convergence
-constexpr double kFartherBlur = 0.3;   // maximum change of log(blur) per fit
-constexpr int kAlignments = 6;         // maximum per image
-constexpr int kSteps = 12;             // Gauss-Newton steps
-constexpr double kTukey = 4.685;       // cutoff [sigmas]
+constexpr double kSettledBlur = 0.05;   // change of log(blur) at convergence
+constexpr double kMaxBlurChange = 0.3;  // maximum change of log(blur) per fit
+constexpr int kAlignments = 6;          // maximum per image
+constexpr int kSteps = 12;              // Gauss-Newton steps
+constexpr double kTukey = 4.685;        // cutoff [sigmas]
 // Limits for the use of a tag.
 constexpr double kMinContrast = 0.12;                 // white - black, 1 = 255 grey levels
 constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // a pixel beyond is clipped [grey]
-constexpr std::size_t kMostClipped = 50;              // maximum 1 clipped pixel in 50
+constexpr std::size_t kMinPixelsPerClipped = 50;      // maximum 1 clipped pixel in 50
 constexpr std::size_t kMinPixels = 64;
 
 constexpr int kMinImages = 5;
@@ -103,13 +103,13 @@ std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
   }
   const Eigen::Vector2d levels = H.ldlt().solve(g);
   if (!levels.allFinite() || levels[1] - levels[0] < kMinContrast ||
-      clipped * kMostClipped > pixels.size())
+      clipped * kMinPixelsPerClipped > pixels.size())
     return std::nullopt;
   return Levels{clamped(levels[0]), clamped(levels[1])};
 }
 
 struct Fit {
-  double exponent = kStart;
+  double exponent = kTypicalExponent;
   double log_blur = 0.0;  // log(blur / blur of the pixels' model)
   double sigma = 0.0;     // of the exponent
 };
@@ -183,7 +183,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     const double blur_before = fit.log_blur;
     fit.exponent = std::clamp(before + moved[0], 0.7 * before, 1.4 * before);
     fit.exponent = std::clamp(fit.exponent, kMinExponent, kMaxExponent);
-    fit.log_blur = std::clamp(fit.log_blur + moved[1], -kFartherBlur, kFartherBlur);
+    fit.log_blur = std::clamp(fit.log_blur + moved[1], -kMaxBlurChange, kMaxBlurChange);
     for (std::size_t k = 0; k < tags.size(); ++k) {
       const Marginalised& e = marginalised[k];
       const Eigen::Vector2d levels =
@@ -218,7 +218,7 @@ Result<ToneEstimator> ToneEstimator::create(const CameraModel& camera,
   const CameraModel untoned = CameraModel::make(p).value();
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
-  options.tone_exponent = kStart;
+  options.tone_exponent = kTypicalExponent;
   options.min_cell_px = 3.0;  // so that edges do not overlap
   PENUMBRA_TRY(TagAligner aligner, TagAligner::create(untoned, tags, options));
   return ToneEstimator(untoned, std::move(aligner));
@@ -232,7 +232,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
   input.luma = luma;
   input.predicted = as_map_pose(T_table_camera);
   input.covariance = covariance_of(0.05, 0.1);
-  double exponent = kStart;
+  double exponent = kTypicalExponent;
   double blur_px = blur_px_;
   for (int i = 0; i < kAlignments; ++i) {
     aligner_.set_blur(blur_px);

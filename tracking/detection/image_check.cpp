@@ -83,12 +83,12 @@ std::optional<ImageFault> ImageCheck::check_untagged(ImageView luma) {
   ++images_without_tags_;
   done_ = images_without_tags_ >= kMaxImages;
   if (!std::has_single_bit(images_without_tags_)) return std::nullopt;
-  const auto fault = look(luma);
+  const auto fault = find_fault(luma);
   if (fault) done_ = true;
   return fault;
 }
 
-std::optional<ImageFault> ImageCheck::look(ImageView luma) {
+std::optional<ImageFault> ImageCheck::find_fault(ImageView luma) {
   if (luma.empty()) return std::nullopt;
   for (const Copy& copy : kCopies) {
     const std::vector<std::uint8_t> pixels = copy_of(luma, copy);

@@ -31,7 +31,7 @@ class ImageCheck {
   // Call for each image in which no tag was found. Returns a fault once.
   [[nodiscard]] std::optional<ImageFault> check_untagged(ImageView luma);
   // Checks an image without counting it.
-  [[nodiscard]] std::optional<ImageFault> look(ImageView luma);
+  [[nodiscard]] std::optional<ImageFault> find_fault(ImageView luma);
 
  private:
   ImageCheck(TagMap tags, TagDetector detector)

@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kNearest = 1e-6;  // minimum z of a point in the camera frame [m]
+constexpr double kMinDepth_m = 1e-6;  // minimum z of a point in the camera frame [m]
 
 // T_map_camera as a parameter block: qx qy qz qw tx ty tz.
 using PoseParameters = std::array<double, 7>;
@@ -62,7 +62,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
                 double** jacobians) const override {
     const MapFromCamera pose = to_pose(parameters[0]);
     const Eigen::Vector3d p = pose.inverse() * observation_.p_map;
-    if (!(p.z() > kNearest)) return false;  // Ceres takes a shorter step
+    if (!(p.z() > kMinDepth_m)) return false;  // Ceres takes a shorter step
     Eigen::Map<Eigen::Vector2d> residual(residuals);
     residual = camera_.project_unchecked(p) - observation_.pixel;
     if (jacobians != nullptr && jacobians[0] != nullptr) {
@@ -119,8 +119,7 @@ struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();  // lower triangle
   Vector6d g = Vector6d::Zero();
 };
-// Returns the Huber cost and adds the normal equations. Infinite if a point is not in front of the
-// camera.
+// Returns the Huber cost (infinite if a point is behind the camera) and adds the normal equations.
 double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
                const MapFromCamera& pose, double robust_scale_px, NormalEquations& equations) {
   const auto T_camera_map = pose.inverse();
@@ -130,7 +129,7 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
   Eigen::Matrix<double, 2, 3> J_point;
   for (const PointObservation& observation : observations) {
     const Eigen::Vector3d p = R * observation.p_map + t;
-    if (!(p.z() > kNearest)) return std::numeric_limits<double>::infinity();
+    if (!(p.z() > kMinDepth_m)) return std::numeric_limits<double>::infinity();
     const Eigen::Vector2d r = camera.project_unchecked(p, &J_point) - observation.pixel;
     const double square = r.squaredNorm();
     const bool inside = square <= robust_scale_px * robust_scale_px;
@@ -237,7 +236,7 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   const auto T_camera_map = start.inverse();
   for (const PointObservation& observation : observations) {
     if (!observation.p_map.allFinite() || !observation.pixel.allFinite()) return std::nullopt;
-    if (!((T_camera_map * observation.p_map).z() > kNearest)) return std::nullopt;
+    if (!((T_camera_map * observation.p_map).z() > kMinDepth_m)) return std::nullopt;
   }
 
   const std::optional<MapFromCamera> minimum =
@@ -257,7 +256,7 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   double distance = 0.0;
   for (const PointObservation& observation : observations) {
     const Eigen::Vector3d p = T_refined * observation.p_map;
-    if (!(p.z() > kNearest)) return std::nullopt;
+    if (!(p.z() > kMinDepth_m)) return std::nullopt;
     const double error2 = (camera.project_unchecked(p) - observation.pixel).squaredNorm();
     const double error = std::sqrt(error2);
     const double weight = error > options.robust_scale_px ? options.robust_scale_px / error : 1.0;

@@ -127,30 +127,30 @@ Result<Accessors::StridedRange> Accessors::strided_range(int view, const Layout&
 }
 
 Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
-                                     const std::string& place) const {
+                                     const std::string& json_path) const {
   const auto& s = accessor.sparse;
   const std::size_t index_size = component_size(s.indices.componentType);
   const auto index_offset = static_cast<std::int64_t>(s.indices.byteOffset);
   const auto value_offset = static_cast<std::int64_t>(s.values.byteOffset);
   if (!is_unsigned(s.indices.componentType) || s.count <= 0 ||
       static_cast<std::size_t>(s.count) > accessor.count || index_offset < 0 || value_offset < 0) {
-    return fail("{}: its sparse part is malformed", place);
+    return fail("{}: its sparse part is malformed", json_path);
   }
   const auto count = static_cast<std::size_t>(s.count);
   const std::size_t size = component_size(accessor.componentType);
   PENUMBRA_TRY(const StridedRange indices, strided_range(s.indices.bufferView,
                                                          {static_cast<std::size_t>(index_offset),
                                                           count, index_size, index_size, false},
-                                                         place + " sparse indices"));
+                                                         json_path + " sparse indices"));
   PENUMBRA_TRY(const StridedRange values, strided_range(s.values.bufferView,
                                                         {static_cast<std::size_t>(value_offset),
                                                          count, size * elements.width, size, false},
-                                                        place + " sparse values"));
+                                                        json_path + " sparse values"));
   for (std::size_t i = 0; i < count; ++i) {
     const double to =
         component_at(indices.data + i * indices.stride, s.indices.componentType, false);
     if (!(to < static_cast<double>(accessor.count))) {
-      return fail("{}: a sparse index is {}, there are {} elements", place, to, accessor.count);
+      return fail("{}: a sparse index is {}, there are {} elements", json_path, to, accessor.count);
     }
     read_element(values.data + i * values.stride, accessor,
                  elements.values.data() + static_cast<std::size_t>(to) * elements.width);
@@ -163,17 +163,17 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
     return fail("{}: names accessor {}, there are {}", what, index, gltf_.accessors.size());
   }
   const tinygltf::Accessor& accessor = gltf_.accessors[static_cast<std::size_t>(index)];
-  const std::string place = fmt::format("{} (accessors/{})", what, index);
+  const std::string json_path = fmt::format("{} (accessors/{})", what, index);
   const std::size_t size = component_size(accessor.componentType);
   const std::size_t width = component_count(accessor.type);
   // Columns of matrices with smaller components are padded, which is not supported.
   if (size == 0 || width == 0 || (width == 16 && size != 4)) {
-    return fail("{}: its component type or shape is not one for this use", place);
+    return fail("{}: its component type or shape is not one for this use", json_path);
   }
   // The longest accessors are indices, with three per triangle.
   const std::size_t max_count = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
   if (accessor.count == 0 || accessor.count > max_count) {
-    return fail("{}: has {} elements; 1 to {} can be read", place, accessor.count, max_count);
+    return fail("{}: has {} elements; 1 to {} can be read", json_path, accessor.count, max_count);
   }
   // Elements without a buffer view are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
@@ -181,7 +181,7 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
     PENUMBRA_TRY(
         const StridedRange from,
         strided_range(accessor.bufferView,
-                      {accessor.byteOffset, accessor.count, size * width, size, true}, place));
+                      {accessor.byteOffset, accessor.count, size * width, size, true}, json_path));
     result.values.resize(accessor.count * width);
     for (std::size_t i = 0; i < accessor.count; ++i) {
       read_element(from.data + i * from.stride, accessor, result.values.data() + i * width);
@@ -191,15 +191,15 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
       return fail(
           "{}: has no buffer view; the file has more than {} numbers without data; export the "
           "model again",
-          place, limits_.max_vertices);
+          json_path, limits_.max_vertices);
     }
     zeros_left_ -= accessor.count * width;
     result.values.resize(accessor.count * width, 0.0);
   }
-  if (accessor.sparse.isSparse) PENUMBRA_TRY_VOID(apply_sparse(accessor, result, place));
+  if (accessor.sparse.isSparse) PENUMBRA_TRY_VOID(apply_sparse(accessor, result, json_path));
   for (const double value : result.values) {
     if (!std::isfinite(value)) {
-      return fail("{}: has a number that is not finite; export the model again", place);
+      return fail("{}: has a number that is not finite; export the model again", json_path);
     }
   }
   return result;
@@ -210,14 +210,14 @@ Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
                                       const std::string& what) {
   const auto entry = list.find(key);
   if (entry == list.end()) return Elements{};
-  const std::string place = what + "/" + key;
-  PENUMBRA_TRY(Elements found, elements(entry->second, place));
+  const std::string json_path = what + "/" + key;
+  PENUMBRA_TRY(Elements found, elements(entry->second, json_path));
   if (found.width < shape.min_width || found.width > shape.max_width) {
-    return fail("{}: has {} components, {} to {} expected", place, found.width, shape.min_width,
+    return fail("{}: has {} components, {} to {} expected", json_path, found.width, shape.min_width,
                 shape.max_width);
   }
   if (shape.count != 0 && found.count != shape.count) {
-    return fail("{}: has {} elements for {} vertices", place, found.count, shape.count);
+    return fail("{}: has {} elements for {} vertices", json_path, found.count, shape.count);
   }
   return found;
 }

@@ -76,7 +76,7 @@ class Accessors {
   [[nodiscard]] Result<StridedRange> strided_range(int view, const Layout& layout,
                                                    const std::string& what) const;
   [[nodiscard]] Result<void> apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
-                                          const std::string& place) const;
+                                          const std::string& json_path) const;
 
   const tinygltf::Model& gltf_;
   Buffers& buffers_;

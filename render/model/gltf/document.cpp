@@ -45,8 +45,8 @@ constexpr double kLargestIndex = 2147483647.0;       // maximum of tinygltf's in
 constexpr double kLargestSize = 9007199254740992.0;  // doubles represent all integers up to here
 
 // One key or index of the JSON path to a value.
-struct Place {
-  const Place* parent = nullptr;
+struct PathStep {
+  const PathStep* parent = nullptr;
   std::string_view key;
   std::size_t index = 0;  // element of a list, if the key is empty
 
@@ -98,33 +98,33 @@ class FieldChecker {
  public:
   // `path`: keys, or '*' for all elements of a list, separated by '/'.
   std::optional<std::string> check(Json& at, std::string_view path, const FieldType& type,
-                                   const Place* place = nullptr) {
+                                   const PathStep* json_path = nullptr) {
     if (path.empty()) {
       if (type.matches(at)) return std::nullopt;
-      return wrong(at, type.expected, place);
+      return type_error(at, type.expected, json_path);
     }
     const std::size_t slash = path.find('/');
     const std::string_view head = path.substr(0, slash);
     const std::string_view rest = slash == std::string_view::npos ? "" : path.substr(slash + 1);
     if (head == "*") {
-      if (!at.is_array()) return wrong(at, "a list", place);
+      if (!at.is_array()) return type_error(at, "a list", json_path);
       for (std::size_t i = 0; i < at.size(); ++i) {
-        const Place next{place, {}, i};
+        const PathStep next{json_path, {}, i};
         if (auto fault = check(at[i], rest, type, &next)) return fault;
       }
       return std::nullopt;
     }
-    if (!at.is_object()) return wrong(at, "an object", place);
+    if (!at.is_object()) return type_error(at, "an object", json_path);
     const auto entry = at.find(head);
     if (entry == at.end()) return std::nullopt;
     if (entry->is_null()) {
       at.erase(entry);
       return std::nullopt;
     }
-    const Place next{place, head, 0};
+    const PathStep next{json_path, head, 0};
     std::optional<std::string> fault = check(*entry, rest, type, &next);
     // Lists are never erased: other fields refer to their elements by index.
-    if (!fault || !erases || place == nullptr) return fault;
+    if (!fault || !erases || json_path == nullptr) return fault;
     erased.push_back(std::move(*fault));
     at.erase(entry);
     return std::nullopt;
@@ -134,8 +134,9 @@ class FieldChecker {
   std::vector<std::string> erased;
 
  private:
-  static std::string wrong(const Json& value, std::string_view expected, const Place* place) {
-    return fmt::format("{}: is {}; {} is expected", place == nullptr ? "" : place->text(),
+  static std::string type_error(const Json& value, std::string_view expected,
+                                const PathStep* json_path) {
+    return fmt::format("{}: is {}; {} is expected", json_path == nullptr ? "" : json_path->text(),
                        quoted(value), expected);
   }
 };
@@ -230,7 +231,7 @@ constexpr std::array kAppearance{
 // Checks the types of all fields that are read, because tinygltf treats a field of a wrong type as
 // absent. Returns the JSON path and error of the first invalid field. Converts integers written as
 // 1.0; erases null fields. Invalid fields of kAppearance are erased and listed in `erased`.
-std::optional<std::string> wrong_field(Json& root, std::vector<std::string>& erased) {
+std::optional<std::string> find_invalid_field(Json& root, std::vector<std::string>& erased) {
   FieldChecker checker;
   for (const Field& field : kFields) {
     if (auto fault = checker.check(root, field.path, field.type)) return fault;
@@ -250,12 +251,12 @@ std::string first_line(std::string text) {
   return line.empty() ? "malformed" : line.substr(0, 200);
 }
 
-void find_extensions(const Json& at, const std::string& place,
-                     std::map<std::string, std::string>& first_places) {
+void find_extensions(const Json& at, const std::string& json_path,
+                     std::map<std::string, std::string>& first_json_paths) {
   if (at.is_array()) {
     for (std::size_t i = 0; i < at.size(); ++i) {
       if (at[i].is_structured())
-        find_extensions(at[i], fmt::format("{}/{}", place, i), first_places);
+        find_extensions(at[i], fmt::format("{}/{}", json_path, i), first_json_paths);
     }
   }
   if (!at.is_object()) return;
@@ -263,15 +264,15 @@ void find_extensions(const Json& at, const std::string& place,
     if (key == "extras" || !value.is_structured()) continue;
     if (key == "extensions" && value.is_object()) {
       for (const auto& [extension, content] : value.items()) {
-        first_places.try_emplace(extension, place.empty() ? "the file" : place);
+        first_json_paths.try_emplace(extension, json_path.empty() ? "the file" : json_path);
       }
     }
-    find_extensions(value, place.empty() ? key : place + "/" + key, first_places);
+    find_extensions(value, json_path.empty() ? key : json_path + "/" + key, first_json_paths);
   }
 }
 
 // Moves a list out of the JSON, because tinygltf would decode it differently or reject the file.
-Json take_list(Json& root, const char* key) {
+Json extract_list(Json& root, const char* key) {
   const auto entry = root.find(key);
   if (entry == root.end()) return Json::array();
   Json list = std::move(*entry);
@@ -298,7 +299,7 @@ void prepare_primitives(Json& root) {
 
 // Returns the file's glTF version if it is not 2. Files of version 1.0 may omit the version; their
 // meshes are an object, not an array.
-std::optional<std::string> other_version(const Json& root) {
+std::optional<std::string> unsupported_version(const Json& root) {
   const auto asset = root.find("asset");
   if (asset != root.end() && asset->is_object() && asset->contains("version")) {
     const Json& version = asset->at("version");
@@ -364,29 +365,29 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
     return fail("{}: is not glTF 2.0: {}", name, first_line(error.what()));
   }
   if (!root.is_object()) return fail("{}: is not glTF 2.0: its JSON is not an object", name);
-  if (const std::optional<std::string> version = other_version(root)) {
+  if (const std::optional<std::string> version = unsupported_version(root)) {
     return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
                 *version);
   }
   Document document;
-  if (const std::optional<std::string> fault = wrong_field(root, document.erased_fields)) {
+  if (const std::optional<std::string> fault = find_invalid_field(root, document.erased_fields)) {
     return fail("{}: {}", name, *fault);
   }
   find_extensions(root, "", document.extensions);
-  for (const Json& buffer : take_list(root, "buffers")) {
+  for (const Json& buffer : extract_list(root, "buffers")) {
     if (!buffer.is_object() || !buffer.contains("byteLength")) {
       return fail("{}: buffers/{}: has no byteLength", name, document.buffers.size());
     }
     document.buffers.push_back(
         {buffer.value("uri", ""), buffer.at("byteLength").get<std::size_t>()});
   }
-  for (const Json& image : take_list(root, "images")) {
+  for (const Json& image : extract_list(root, "images")) {
     const bool known = image.is_object();
     document.images.push_back(
         {known ? image.value("uri", "") : "", known ? image.value("bufferView", -1) : -1});
   }
-  document.animation_count = take_list(root, "animations").size();
-  document.camera_count = take_list(root, "cameras").size();
+  document.animation_count = extract_list(root, "animations").size();
+  document.camera_count = extract_list(root, "cameras").size();
   root.erase("extensions");
   prepare_primitives(root);
   const std::string prepared = root.dump(-1, ' ', false, Json::error_handler_t::replace);

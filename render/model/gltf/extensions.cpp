@@ -120,12 +120,12 @@ std::vector<std::string> ignored_content(const Document& document) {
     lines.push_back(fmt::format("needs the glTF extension {}, which is not read: {}",
                                 extension.substr(0, 80), known_extension(extension).consequence));
   }
-  for (const auto& [extension, first_place] : document.extensions) {
+  for (const auto& [extension, first_json_path] : document.extensions) {
     const auto& [start, effect, consequence] = known_extension(extension);
     if (effect != Effect::ignored && effect != Effect::unknown) continue;
     if (std::ranges::count(document.model.extensionsRequired, extension) > 0) continue;
     lines.push_back(fmt::format(
-        "its glTF extension {} ({}) is not read{}{}", extension.substr(0, 80), first_place,
+        "its glTF extension {} ({}) is not read{}{}", extension.substr(0, 80), first_json_path,
         effect == Effect::unknown ? "" : ": ", effect == Effect::unknown ? "" : consequence));
   }
   return lines;

@@ -100,15 +100,15 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
 
 int MaterialReader::image_of(int index) {
   const tinygltf::Texture& texture = gltf_.textures[static_cast<std::size_t>(index)];
-  const std::string place = fmt::format("textures/{}", index);
+  const std::string json_path = fmt::format("textures/{}", index);
   if (texture.source < 0) {
     if (texture.extensions.empty()) {
-      notes_.add("has no source; drawn in plain colour", place);
+      notes_.add("has no source; drawn in plain colour", json_path);
     } else {
       notes_.add(fmt::format("has only an image of the glTF extension {}, which can't be read; "
                              "drawn in plain colour",
                              texture.extensions.begin()->first.substr(0, 80)),
-                 place);
+                 json_path);
     }
     return -1;
   }
@@ -128,16 +128,16 @@ Result<int> MaterialReader::decoded_image(int index) {
     return fail("a texture names image {}, there are {}", index, document_.images.size());
   }
   const ImageSource& image = document_.images[static_cast<std::size_t>(index)];
-  const std::string place = fmt::format("images/{}", index);
+  const std::string json_path = fmt::format("images/{}", index);
   if (image.buffer_view >= 0) {
     PENUMBRA_TRY(const std::span<const std::uint8_t> coded,
-                 accessors_.view_bytes(image.buffer_view, place));
-    return add_texture(model_, coded, place, limits_);
+                 accessors_.view_bytes(image.buffer_view, json_path));
+    return add_texture(model_, coded, json_path, limits_);
   }
-  if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", place);
+  if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", json_path);
   const Result<std::vector<std::uint8_t>> coded = buffers_.fetch(image.uri);
-  if (!coded) return fail_in(place, coded.error());
-  return add_texture(model_, *coded, place, limits_);
+  if (!coded) return fail_in(json_path, coded.error());
+  return add_texture(model_, *coded, json_path, limits_);
 }
 
 Result<Material> MaterialReader::factors(std::size_t index) const {

@@ -62,7 +62,7 @@ Result<void> check_joints(const Primitive& primitive, std::size_t joint_count) {
     // Ignores joints with a weight of 0.
     if (skin.joints[k] >= joint_count && skin.weights[k] > 0.0) {
       return fail("{}/attributes/JOINTS_{}: vertex {} names joint {}, the skin has {}",
-                  primitive.place, k % skin.per_vertex / 4, k / skin.per_vertex, skin.joints[k],
+                  primitive.json_path, k % skin.per_vertex / 4, k / skin.per_vertex, skin.joints[k],
                   joint_count);
     }
   }
@@ -89,16 +89,16 @@ Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive
     std::iota(order.begin(), order.end(), 0U);
     return order;
   }
-  const std::string place = what + "/indices";
-  PENUMBRA_TRY(const Elements indices, accessors_.elements(entry->second, place));
+  const std::string json_path = what + "/indices";
+  PENUMBRA_TRY(const Elements indices, accessors_.elements(entry->second, json_path));
   const tinygltf::Accessor* accessor = accessors_.find(entry->second);
   if (indices.width != 1 || !is_unsigned(accessor->componentType) || accessor->normalized) {
-    return fail("{}: are not unsigned integers", place);
+    return fail("{}: are not unsigned integers", json_path);
   }
   order.reserve(indices.count);
   for (const double index : indices.values) {
     if (!(index < static_cast<double>(vertices))) {
-      return fail("{}: names vertex {}, there are {}", place, index, vertices);
+      return fail("{}: names vertex {}, there are {}", json_path, index, vertices);
     }
     order.push_back(static_cast<std::uint32_t>(index));
   }
@@ -171,10 +171,10 @@ Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const 
 
 Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive& to) const {
   for (std::size_t t = 0; t < from.targets.size(); ++t) {
-    const std::string place = fmt::format("{}/targets/{}", to.place, t);
+    const std::string json_path = fmt::format("{}/targets/{}", to.json_path, t);
     MorphTarget target;
     const auto read = [&](const char* key) -> Result<std::vector<glm::vec3>> {
-      return accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place)
+      return accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, json_path)
           .map(vectors);
     };
     PENUMBRA_TRY(target.positions, read("POSITION"));
@@ -182,7 +182,7 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
     PENUMBRA_TRY(target.tangents, read("TANGENT"));
     for (const auto& [key, accessor] : from.targets[t]) {
       if (key.starts_with("TEXCOORD_") || key.starts_with("COLOR_")) {
-        notes_.add("its texture coordinates and colours are not morphed", place);
+        notes_.add("its texture coordinates and colours are not morphed", json_path);
         break;
       }
     }
@@ -195,7 +195,7 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
 Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& from,
                                                   const Primitive& to) const {
   const std::size_t count = to.mesh.positions.size();
-  const std::string place = to.place + "/attributes";
+  const std::string json_path = to.json_path + "/attributes";
   std::vector<Elements> joints, weights;
   for (int set = 0;; ++set) {
     const std::string joints_key = fmt::format("JOINTS_{}", set);
@@ -204,22 +204,23 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
     const auto weights_entry = from.attributes.find(weights_key);
     const bool has_joints = joints_entry != from.attributes.end();
     if (has_joints != (weights_entry != from.attributes.end())) {
-      return fail("{}: has {} without {}", place, has_joints ? joints_key : weights_key,
+      return fail("{}: has {} without {}", json_path, has_joints ? joints_key : weights_key,
                   has_joints ? weights_key : joints_key);
     }
     if (!has_joints) break;
     PENUMBRA_TRY(Elements j,
-                 accessors_.attribute(from.attributes, joints_key, {4, 4, count}, place));
+                 accessors_.attribute(from.attributes, joints_key, {4, 4, count}, json_path));
     PENUMBRA_TRY(Elements w,
-                 accessors_.attribute(from.attributes, weights_key, {4, 4, count}, place));
+                 accessors_.attribute(from.attributes, weights_key, {4, 4, count}, json_path));
     const tinygltf::Accessor* joint_type = accessors_.find(joints_entry->second);
     const tinygltf::Accessor* weight_type = accessors_.find(weights_entry->second);
     if (!is_unsigned(joint_type->componentType) || joint_type->normalized) {
-      return fail("{}/{}: are not unsigned integers", place, joints_key);
+      return fail("{}/{}: are not unsigned integers", json_path, joints_key);
     }
     if (weight_type->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT &&
         !(is_unsigned(weight_type->componentType) && weight_type->normalized)) {
-      return fail("{}/{}: are neither floats nor normalized unsigned integers", place, weights_key);
+      return fail("{}/{}: are neither floats nor normalized unsigned integers", json_path,
+                  weights_key);
     }
     joints.push_back(std::move(j));
     weights.push_back(std::move(w));
@@ -233,8 +234,8 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
       for (std::size_t c = 0; c < 4; ++c) {
         const double weight = weights[set].at(i, c);
         if (weight < 0.0) {
-          return fail("{}/WEIGHTS_{}: vertex {} has a weight of {}; export the model again", place,
-                      set, i, weight);
+          return fail("{}/WEIGHTS_{}: vertex {} has a weight of {}; export the model again",
+                      json_path, set, i, weight);
         }
         sum += weight;
         skin.weights.push_back(weight);
@@ -250,9 +251,10 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
     for (std::size_t k = first; k < skin.weights.size(); ++k) skin.weights[k] /= sum;
   }
   if (weightless) {
-    notes_.add("has vertices without weights; they follow the first joint that they name", place);
+    notes_.add("has vertices without weights; they follow the first joint that they name",
+               json_path);
   } else if (far_off) {
-    notes_.add("has skin weights that do not add up to 1; they are scaled to do so", place);
+    notes_.add("has skin weights that do not add up to 1; they are scaled to do so", json_path);
   }
   return skin;
 }
@@ -323,17 +325,17 @@ Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
   const tinygltf::Mesh& from = gltf_.meshes[index];
   std::vector<Primitive>& primitives = entry.primitives.emplace();
   for (std::size_t p = 0; p < from.primitives.size(); ++p) {
-    const std::string place = fmt::format("meshes/{}/primitives/{}", index, p);
+    const std::string json_path = fmt::format("meshes/{}/primitives/{}", index, p);
     const tinygltf::Primitive& primitive = from.primitives[p];
     if (!primitive.attributes.contains("POSITION")) {
-      notes_.add("has no POSITION attribute and is ignored", place);
+      notes_.add("has no POSITION attribute and is ignored", json_path);
       continue;
     }
     if (!has_surface(primitive)) {
-      notes_.add("draws points or lines, which have no surface, and is ignored", place);
+      notes_.add("draws points or lines, which have no surface, and is ignored", json_path);
       continue;
     }
-    PENUMBRA_TRY(Primitive read, read_primitive(primitive, place, entry.first_vertex[p]));
+    PENUMBRA_TRY(Primitive read, read_primitive(primitive, json_path, entry.first_vertex[p]));
     read.mesh.name = from.name;
     read.index = p;
     primitives.push_back(std::move(read));

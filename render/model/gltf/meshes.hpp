@@ -34,7 +34,7 @@ struct SkinWeights {
 };
 
 struct Primitive {
-  std::string place;  // JSON path in the file
+  std::string json_path;  // JSON path in the file
   Mesh mesh;
   std::vector<MorphTarget> targets;
   SkinWeights skin;       // empty if the primitive has none or no skin uses it

@@ -169,7 +169,7 @@ Result<Eigen::Matrix4d> Nodes::T_root_node(int node) {
 
 Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t max_count) {
   const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(index)];
-  const std::string place = fmt::format("nodes/{}", index);
+  const std::string json_path = fmt::format("nodes/{}", index);
   const auto extension = node.extensions.find(kInstancing);
   std::map<std::string, int> attributes;
   if (extension != node.extensions.end() && extension->second.Has("attributes")) {
@@ -178,7 +178,7 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t 
       if (list.Get(key).IsInt()) attributes[key] = list.Get(key).GetNumberAsInt();
     }
   }
-  const std::string what = fmt::format("{}/extensions/{}/attributes", place, kInstancing);
+  const std::string what = fmt::format("{}/extensions/{}/attributes", json_path, kInstancing);
   PENUMBRA_TRY(const Elements translations,
                accessors_.attribute(attributes, "TRANSLATION", {3, 3, 0}, what));
   PENUMBRA_TRY(const Elements rotations,
@@ -192,7 +192,7 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t 
     }
   }
   if (count > max_count) {
-    return fail("{}: has {} instances; {} of this mesh can be read", place, count, max_count);
+    return fail("{}: has {} instances; {} of this mesh can be read", json_path, count, max_count);
   }
   const auto vector_of = [](const Elements& elements, std::size_t i) {
     return Eigen::Map<const Eigen::Vector3d>(&elements.values[3 * i]);
@@ -212,11 +212,11 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t 
   return instances;
 }
 
-Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(const tinygltf::Skin& skin,
-                                                                  const std::string& place) const {
+Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(
+    const tinygltf::Skin& skin, const std::string& json_path) const {
   std::vector<Eigen::Matrix4d> matrices(skin.joints.size(), Eigen::Matrix4d::Identity());
   if (skin.inverseBindMatrices < 0) return matrices;
-  const std::string what = place + "/inverseBindMatrices";
+  const std::string what = json_path + "/inverseBindMatrices";
   PENUMBRA_TRY(const Elements elements, accessors_.elements(skin.inverseBindMatrices, what));
   const int type = accessors_.find(skin.inverseBindMatrices)->componentType;
   if (elements.width != 16 || type != TINYGLTF_COMPONENT_TYPE_FLOAT) {
@@ -237,22 +237,22 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(const tinygltf
 }
 
 Result<const std::vector<Eigen::Matrix4d>*> Nodes::joint_matrices(int index) {
-  const std::string place = fmt::format("skins/{}", index);
+  const std::string json_path = fmt::format("skins/{}", index);
   if (const auto known = joint_matrices_.find(index); known != joint_matrices_.end())
     return &known->second;
   const tinygltf::Skin& skin = gltf_.skins[static_cast<std::size_t>(index)];
-  if (skin.joints.empty()) return fail("{}: has no joints", place);
+  if (skin.joints.empty()) return fail("{}: has no joints", json_path);
   for (const int joint : skin.joints) {
     if (!has(gltf_.nodes, joint)) {
-      return fail("{}/joints: names node {}, there are {}", place, joint, gltf_.nodes.size());
+      return fail("{}/joints: names node {}, there are {}", json_path, joint, gltf_.nodes.size());
     }
   }
-  PENUMBRA_TRY(std::vector<Eigen::Matrix4d> matrices, inverse_bind_matrices(skin, place));
+  PENUMBRA_TRY(std::vector<Eigen::Matrix4d> matrices, inverse_bind_matrices(skin, json_path));
   for (std::size_t i = 0; i < matrices.size(); ++i) {
     PENUMBRA_TRY(const Eigen::Matrix4d T_root_joint, T_root_node(skin.joints[i]));
     matrices[i] = T_root_joint * matrices[i];
     if (!matrices[i].allFinite()) {
-      return fail("{}: the transform of joint {} is not finite", place, i);
+      return fail("{}: the transform of joint {} is not finite", json_path, i);
     }
   }
   return &(joint_matrices_[index] = std::move(matrices));

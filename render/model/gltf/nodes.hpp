@@ -22,7 +22,7 @@ struct Placement {
   int mesh = -1;
   Eigen::Matrix4d T_root_node = Eigen::Matrix4d::Identity();
   std::uint32_t model_node = 0;  // index into Model::nodes
-  std::string place;             // JSON path of the node, and its name
+  std::string json_path;         // JSON path of the node, and its name
 };
 
 class Nodes {
@@ -51,7 +51,7 @@ class Nodes {
   // Applies the transforms of the node and its ancestors, which need not be in the scene.
   [[nodiscard]] Result<Eigen::Matrix4d> T_root_node(int node);
   [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> inverse_bind_matrices(
-      const tinygltf::Skin& skin, const std::string& place) const;
+      const tinygltf::Skin& skin, const std::string& json_path) const;
 
   const tinygltf::Model& gltf_;
   Accessors& accessors_;

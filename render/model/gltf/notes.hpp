@@ -14,10 +14,10 @@ class Notes {
  public:
   // `text` describes a problem and its consequence; the second argument is the problem's JSON path.
   // `expected` notes concern valid content; only a model without visible content reports them.
-  void add(std::string_view text, const std::string& place, bool expected = false) {
+  void add(std::string_view text, const std::string& json_path, bool expected = false) {
     const auto note = std::ranges::find(notes_, text, &Note::text);
     if (note == notes_.end()) {
-      notes_.push_back({std::string(text), place, 1, expected});
+      notes_.push_back({std::string(text), json_path, 1, expected});
     } else {
       ++note->count;
       note->expected = note->expected && expected;
@@ -39,13 +39,13 @@ class Notes {
  private:
   struct Note {
     std::string text;
-    std::string first_place;
+    std::string first_json_path;
     std::size_t count = 0;
     bool expected = false;
   };
   static std::string line_of(const Note& note) {
     const std::string more = note.count > 1 ? fmt::format(" (and {} more)", note.count - 1) : "";
-    return fmt::format("{}{}: {}", note.first_place, more, note.text);
+    return fmt::format("{}{}: {}", note.first_json_path, more, note.text);
   }
 
   std::vector<Note> notes_;

@@ -13,7 +13,7 @@ namespace penumbra::gltf {
 namespace {
 
 // The linear part of an affine transform.
-struct Orientation {
+struct LinearPart {
   Eigen::Matrix3d linear;
   // Transforms normals: determinant times transposed inverse, which exists even for singular
   // matrices. Scaled to a maximum entry of 1; negated if the transform mirrors.
@@ -22,8 +22,8 @@ struct Orientation {
   bool has_surface = false;  // false: surfaces become lines or points
 };
 
-Orientation orientation_of(const Eigen::Matrix4d& T) {
-  Orientation result;
+LinearPart linear_part_of(const Eigen::Matrix4d& T) {
+  LinearPart result;
   result.linear = T.topLeftCorner<3, 3>();
   const Eigen::Matrix3d& linear = result.linear;
   result.determinant = linear.determinant();
@@ -44,7 +44,7 @@ class VertexTransformer {
         is_skinned_(placed.placement.joint_matrices != nullptr &&
                     placed.primitive->skin.per_vertex > 0),
         is_morphed_(std::ranges::any_of(placed.morph_weights, [](double w) { return w != 0.0; })),
-        rigid_(orientation_of(placed.placement.T_root_mesh)) {}
+        rigid_(linear_part_of(placed.placement.T_root_mesh)) {}
 
   // Computes the values below. Returns false if a coordinate is not finite or too large.
   [[nodiscard]] bool measure(double max_coordinate);
@@ -65,8 +65,8 @@ class VertexTransformer {
     return is_skinned_ ? placed_.primitive->skin.blended(vertex, *placement.joint_matrices)
                        : placement.T_root_mesh;
   }
-  [[nodiscard]] Orientation orientation(std::size_t vertex) const {
-    return is_skinned_ ? orientation_of(transform(vertex)) : rigid_;
+  [[nodiscard]] LinearPart linear_part(std::size_t vertex) const {
+    return is_skinned_ ? linear_part_of(transform(vertex)) : rigid_;
   }
   // Adds the weighted displacements of the morph targets (glTF 2.0, 3.7.2.2).
   [[nodiscard]] Eigen::Vector3d morphed(const glm::vec3& base, std::size_t vertex,
@@ -80,14 +80,14 @@ class VertexTransformer {
     const Eigen::Vector3d sum = morphed(base, vertex, attribute);
     return is_morphed_ ? sum.stableNormalized() : sum;
   }
-  void turn_normals(Mesh& mesh) const;
-  void turn_tangents(Mesh& mesh) const;
+  void transform_normals(Mesh& mesh) const;
+  void transform_tangents(Mesh& mesh) const;
 
   const PlacedPrimitive& placed_;
   const Mesh& base_;
   bool is_skinned_;
   bool is_morphed_;
-  Orientation rigid_;
+  LinearPart rigid_;
   Eigen::AlignedBox3d bounds_;
   double step_ = 0.0;
   bool has_surface_ = false;
@@ -109,7 +109,7 @@ Eigen::Vector3d VertexTransformer::morphed(const glm::vec3& base, std::size_t ve
 bool VertexTransformer::measure(double max_coordinate) {
   for (std::size_t i = 0; i < base_.positions.size(); ++i) {
     const Eigen::Matrix4d T = transform(i);
-    const Orientation turn = is_skinned_ ? orientation_of(T) : rigid_;
+    const LinearPart turn = is_skinned_ ? linear_part_of(T) : rigid_;
     if (!T.allFinite() || !std::isfinite(turn.determinant)) return false;
     has_surface_ = has_surface_ || turn.has_surface;
     is_point_ = is_point_ && turn.linear.isZero(0.0);
@@ -142,13 +142,13 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
        i += 3) {
     std::swap(mesh.indices[i + 1], mesh.indices[i + 2]);
   }
-  turn_normals(mesh);
-  turn_tangents(mesh);
+  transform_normals(mesh);
+  transform_tangents(mesh);
   return mesh;
 }
 
 // Transforms normals; flattened vertices get normals computed from the transformed faces.
-void VertexTransformer::turn_normals(Mesh& mesh) const {
+void VertexTransformer::transform_normals(Mesh& mesh) const {
   if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
     generate_normals(mesh);
     mesh.tangents.clear();  // tangents require the file's normals (glTF 2.0, 3.7.2.1)
@@ -156,7 +156,7 @@ void VertexTransformer::turn_normals(Mesh& mesh) const {
   }
   std::vector<std::size_t> flat;
   for (std::size_t i = 0; i < mesh.normals.size(); ++i) {
-    const Orientation turn = orientation(i);
+    const LinearPart turn = linear_part(i);
     const Eigen::Vector3d normal = morphed_unit(mesh.normals[i], i, &MorphTarget::normals);
     const Eigen::Vector3d turned = (turn.cofactor * normal).stableNormalized();
     if (is_skinned_ && (turn.determinant == 0.0 || turned.isZero(0.0))) flat.push_back(i);
@@ -169,10 +169,10 @@ void VertexTransformer::turn_normals(Mesh& mesh) const {
   mesh.normals = std::move(turned);
 }
 
-void VertexTransformer::turn_tangents(Mesh& mesh) const {
+void VertexTransformer::transform_tangents(Mesh& mesh) const {
   for (std::size_t i = 0; i < mesh.tangents.size(); ++i) {
     glm::vec4& t = mesh.tangents[i];
-    const Orientation turn = orientation(i);
+    const LinearPart turn = linear_part(i);
     const Eigen::Vector3d tangent = morphed_unit(glm::vec3(t), i, &MorphTarget::tangents);
     const Eigen::Vector3d turned = (turn.linear * tangent).stableNormalized();
     t = glm::vec4(to_glm(turned), turn.determinant < 0.0 ? -t.w : t.w);
@@ -182,7 +182,7 @@ void VertexTransformer::turn_tangents(Mesh& mesh) const {
 }  // namespace
 
 bool keeps_surfaces(const Eigen::Matrix4d& T) {
-  return orientation_of(T).has_surface;
+  return linear_part_of(T).has_surface;
 }
 
 Result<void> Placer::collect(PlacedPrimitive placed) {
@@ -190,8 +190,8 @@ Result<void> Placer::collect(PlacedPrimitive placed) {
   vertices_ += mesh.positions.size();
   triangles_ += mesh.indices.size() / 3;
   if (vertices_ > limits_.max_vertices || triangles_ > limits_.max_triangles) {
-    return fail("{}: the model has more than the {} vertices or {} triangles allowed", placed.place,
-                limits_.max_vertices, limits_.max_triangles);
+    return fail("{}: the model has more than the {} vertices or {} triangles allowed",
+                placed.json_path, limits_.max_vertices, limits_.max_triangles);
   }
   if (!mesh.indices.empty()) collected_.push_back(std::move(placed));
   return {};
@@ -204,11 +204,11 @@ Result<void> Placer::place_all() {
     VertexTransformer transformer(placed);
     if (!transformer.measure(kMaxFileCoordinate)) {
       return fail("{}: a vertex lies farther than {:g} units of the file from the origin",
-                  placed.place, kMaxFileCoordinate);
+                  placed.json_path, kMaxFileCoordinate);
     }
     if (!transformer.has_surface()) {
       // A scale of 0 on all axes is valid and hides a node (glTF 2.0, 5.25).
-      notes_.add("its scale leaves no surface to see; it is ignored", placed.place,
+      notes_.add("its scale leaves no surface to see; it is ignored", placed.json_path,
                  transformer.is_point());
       continue;
     }
@@ -222,7 +222,7 @@ Result<void> Placer::place_all() {
     if (std::max(centred.min().cwiseAbs().maxCoeff(), centred.max().cwiseAbs().maxCoeff()) >
         limits_.max_coordinate_m) {
       return fail("{}: a vertex lies farther than {} units of the file from the origin",
-                  transformer.placed().place, limits_.max_coordinate_m);
+                  transformer.placed().json_path, limits_.max_coordinate_m);
     }
     add(transformer.mesh(model_.origin));
   }

@@ -28,7 +28,7 @@ struct PlacedPrimitive {
   std::vector<double> morph_weights;  // one per target, or empty
   VertexPlacement placement;
   std::uint32_t node = 0;  // index into Model::nodes
-  std::string place;       // JSON path of the node
+  std::string json_path;   // JSON path of the node
 };
 
 // Returns false for a transform that flattens surfaces to lines or points.

@@ -46,9 +46,9 @@ class Reader {
       const Placement& placement, const std::vector<Primitive>& primitives) const;
   // Returns one placement, or one per instance.
   [[nodiscard]] Result<std::vector<VertexPlacement>> vertex_placements(const Placement& placement);
-  void take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
-                    const std::string& what);
-  void finish_kernels();
+  void copy_kernel_metadata(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                            const std::string& what);
+  void drop_ambiguous_kernels();
 
   const ModelLimits& limits_;
   const Document& document_;
@@ -115,16 +115,16 @@ std::vector<bool> Reader::used_materials(const std::vector<Placement>& placement
 Result<std::vector<double>> Reader::morph_weights(const Placement& placement,
                                                   const std::vector<Primitive>& primitives) const {
   std::vector<double> weights;
-  std::string place = fmt::format("nodes/{}/weights", placement.node);
+  std::string json_path = fmt::format("nodes/{}/weights", placement.node);
   if (placement.node >= 0) weights = gltf_.nodes[static_cast<std::size_t>(placement.node)].weights;
   if (weights.empty()) {
     weights = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].weights;
-    place = fmt::format("meshes/{}/weights", placement.mesh);
+    json_path = fmt::format("meshes/{}/weights", placement.mesh);
   }
   for (const Primitive& primitive : primitives) {
     if (!weights.empty() && weights.size() != primitive.targets.size()) {
-      return fail("{}: are {} for the {} morph targets of {}", place, weights.size(),
-                  primitive.targets.size(), primitive.place);
+      return fail("{}: are {} for the {} morph targets of {}", json_path, weights.size(),
+                  primitive.targets.size(), primitive.json_path);
     }
   }
   return weights;
@@ -142,7 +142,7 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
     // joints.
     if (node.extensions.contains(kInstancing)) {
       notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),
-                 placement.place);
+                 placement.json_path);
     }
     PENUMBRA_TRY(const auto matrices, nodes_.joint_matrices(node.skin));
     result.push_back({placement.T_root_node, matrices});
@@ -176,18 +176,18 @@ Result<void> Reader::collect(const Placement& placement) {
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
     if (skin >= 0 || keeps_surfaces(vertices.T_root_mesh)) {
-      take_kernels(extras, linear, placement.place);
+      copy_kernel_metadata(extras, linear, placement.json_path);
     }
     for (const Primitive& primitive : *primitives) {
       if (vertices.joint_matrices != nullptr) {
         if (primitive.skin.per_vertex == 0) {
           notes_.add("has no joints and weights for its skin; it stands where its node is",
-                     primitive.place);
+                     primitive.json_path);
         }
         PENUMBRA_TRY_VOID(check_joints(primitive, vertices.joint_matrices->size()));
       }
-      PENUMBRA_TRY_VOID(
-          placer_.collect({&primitive, weights, vertices, placement.model_node, placement.place}));
+      PENUMBRA_TRY_VOID(placer_.collect(
+          {&primitive, weights, vertices, placement.model_node, placement.json_path}));
     }
   }
   return {};
@@ -195,8 +195,8 @@ Result<void> Reader::collect(const Placement& placement) {
 
 // Copies the shadow kernels' metadata from a mesh's `extras` to the model. `linear` transforms the
 // direction from the mesh's axes to the root's.
-void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
-                          const std::string& what) {
+void Reader::copy_kernel_metadata(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                                  const std::string& what) {
   const tinygltf::Value& up = value_of(extras, kKernelUpKey);
   if (up.Type() == tinygltf::NULL_TYPE) return;
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
@@ -237,7 +237,7 @@ void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& 
 }
 
 // Drops the kernels if their direction is unknown or differs between meshes.
-void Reader::finish_kernels() {
+void Reader::drop_ambiguous_kernels() {
   if (kernels_disagree_) model_.shadow_kernel_up.reset();
   if (model_.shadow_kernel_up) return;
   for (Mesh& mesh : model_.meshes) mesh.shadow_kernels.clear();
@@ -258,7 +258,7 @@ Result<Model> Reader::read() {
     if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
     return fail("its scene shows no triangles; export the model with its faces");
   }
-  finish_kernels();
+  drop_ambiguous_kernels();
   std::vector<std::string> warnings = ignored_content(document_);
   warnings.insert(warnings.end(), model_.warnings.begin(), model_.warnings.end());
   notes_.append_to(warnings);

@@ -35,7 +35,7 @@ std::vector<double> largest_magnifications(const Scene& scene) {
       std::vector<double>& heights = heights_over[plane];
       if (heights.empty()) {
         const ScenePlane& at = scene.planes[static_cast<std::size_t>(plane)];
-        heights = greatest_heights(scene, at.normal, at.point);
+        heights = sphere_heights(scene, at.normal, at.point);
       }
       for (const int caster : node.casters) {
         const auto i = static_cast<std::size_t>(caster);
@@ -286,10 +286,10 @@ bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, cons
   }
   ++work[Counter::proxy_checks];
   const ProxyUse use{c, draw.light_mode, draw.T_table_object.scale};
-  const bool kept =
-      compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).kept();
-  caster.proxy_kept.emplace(proxy_key, kept);
-  return kept;
+  const bool is_sufficient =
+      compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).is_sufficient();
+  caster.proxy_kept.emplace(proxy_key, is_sufficient);
+  return is_sufficient;
 }
 
 const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,

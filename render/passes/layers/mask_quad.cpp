@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kMinGrid = 4;
 
 PENUMBRA_VECTOR_CLONES
-void take_minimum(const std::uint8_t* codes, std::size_t count, std::uint8_t* low) {
+void keep_minimum(const std::uint8_t* codes, std::size_t count, std::uint8_t* low) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
@@ -46,7 +46,7 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
     const auto [first, end] = cells_of(piece_row, static_cast<std::size_t>(cells.height));
     std::ranges::fill(min_in_column_, std::uint8_t{255});
     for (std::size_t row = first; row < end; ++row)
-      take_minimum(codes.data() + row * width, width, min_in_column_.data());
+      keep_minimum(codes.data() + row * width, width, min_in_column_.data());
     darkens_[piece_row] = 0;
     for (std::size_t column = 0; column < kPieces; ++column) {
       const auto [left, right] = cells_of(column, width);

@@ -59,12 +59,12 @@ PlaneMasks::PlaneMasks(const CameraModel& camera, bool multisampled)
       frustum_(make_frustum(camera)) {
   GLint max_side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_side);
-  most_side_ = std::min<std::int64_t>(kMaxMaskSide, max_side);
+  max_mask_side_ = std::min<std::int64_t>(kMaxMaskSide, max_side);
 }
 
-std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const MaskPart& part,
-                                                                         double cell) {
-  return std::ranges::find_if(covers, [&](const PartCover& known) {
+std::vector<PlaneMasks::PartCoverage>::iterator PlaneMasks::Plane::coverage_of(const MaskPart& part,
+                                                                               double cell) {
+  return std::ranges::find_if(coverages, [&](const PartCoverage& known) {
     return known.cell == cell && known.part.covers_same_as(part);
   });
 }
@@ -84,7 +84,7 @@ std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::mask_of(
   return found == masks.end() ? nullptr : *found;
 }
 
-std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::take_spare() {
+std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::unused_mask() {
   const auto spare = std::ranges::find_if(
       masks, [](const std::shared_ptr<DrawnMask>& mask) { return mask.use_count() == 1; });
   if (spare == masks.end()) return std::make_shared<DrawnMask>();
@@ -159,7 +159,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
   return in_view == kNone ? anywhere : in_view;
 }
 
-int PlaneMasks::cell_at(double depth, double pixels) const {
+int PlaneMasks::half_octave_at(double depth, double pixels) const {
   return static_cast<int>(std::floor(
       2.0 * std::log2(pixels * pixel_at_unit_depth_ * std::max(depth, kNearestDistance))));
 }
@@ -168,7 +168,7 @@ PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFram
                                           int half_octave) const {
   const auto T_camera_table = plan.T_table_camera.inverse();
   return [this, &plan, &frame, half_octave, T_camera_table](std::span<const CellBox> bounds) {
-    return lay_out_masks(bounds, half_octave, most_side_, [&](const Eigen::AlignedBox2d& box) {
+    return lay_out_masks(bounds, half_octave, max_mask_side_, [&](const Eigen::AlignedBox2d& box) {
       std::array<Eigen::Vector3d, 4> corners = {
           frame.lift(box.min().x(), box.min().y()), frame.lift(box.max().x(), box.min().y()),
           frame.lift(box.max().x(), box.max().y()), frame.lift(box.min().x(), box.max().y())};
@@ -179,7 +179,7 @@ PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFram
         nearest = std::min(nearest, corner.z());
         part.box.extend(frame.to_plane(plan.T_table_camera * corner).head<2>());
       }
-      if (!part.box.isEmpty()) part.half_octave = cell_at(nearest, kPixelsPerSeenCell);
+      if (!part.box.isEmpty()) part.half_octave = half_octave_at(nearest, kPixelsPerSeenCell);
       return part;
     });
   };
@@ -210,7 +210,7 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
   // Cell sizes are powers of sqrt(2) m, so that a moving camera rarely requires a new mask. They
   // depend only on the current frame. A camera at rest may jitter between two sizes, so both masks
   // are kept.
-  const int half_octave = cell_at(mask.depth, kPixelsPerMaskCell);
+  const int half_octave = half_octave_at(mask.depth, kPixelsPerMaskCell);
   const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
   const LayOut lay_out = layout_for(plan, receiver->frame, half_octave);
   const auto matches = [&](const DrawnMasks& masks) {
@@ -218,10 +218,10 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
            std::ranges::equal(masks.parts, parts, &MaskPart::same_as) &&
            (!masks.layout.of_view || masks.layout == lay_out(masks.bounds));
   };
-  if (!matches(mask.now)) std::swap(mask.now, mask.other);
+  if (!matches(mask.latest)) std::swap(mask.latest, mask.earlier);
   const std::int64_t kept_before = work[Counter::layer_masks_kept];
-  if (matches(mask.now)) {
-    work[Counter::layer_masks_kept] += static_cast<std::int64_t>(mask.now.masks.size());
+  if (matches(mask.latest)) {
+    work[Counter::layer_masks_kept] += static_cast<std::int64_t>(mask.latest.masks.size());
   } else {
     draw_masks(half_octave, std::move(parts), lay_out, mask, work);
   }
@@ -232,8 +232,8 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
 
 void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> drawn, const LayOut& lay_out,
                             Plane& plane, RenderWork& work) {
-  DrawnMasks older = std::move(plane.now);
-  DrawnMasks& made = plane.now = {};
+  DrawnMasks older = std::move(plane.latest);
+  DrawnMasks& made = plane.latest = {};
   made.made = true;
   made.parts = std::move(drawn);
   made.half_octave = half_octave;
@@ -259,7 +259,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> drawn, const 
   };
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const CellBox* known = nullptr;
-    for (const DrawnMasks* before : {&older, &plane.other}) {
+    for (const DrawnMasks* before : {&older, &plane.earlier}) {
       if (unmoved[i] && before->half_octave == half_octave && known == nullptr)
         known = before->bounds_of(parts[i]);
     }
@@ -272,7 +272,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> drawn, const 
     std::vector<MaskPart> of_group;
     for (const std::size_t i : group.parts) of_group.push_back(parts[i]);
     std::shared_ptr<DrawnMask> mask;
-    for (const DrawnMasks* before : {&older, &plane.other}) {
+    for (const DrawnMasks* before : {&older, &plane.earlier}) {
       if (!mask) mask = before->mask_of(group.cells, of_group);
     }
     if (mask) {
@@ -281,35 +281,35 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> drawn, const 
       continue;
     }
     const double cell = group.cells.size;
-    std::vector<bool> noted(of_group.size(), false);
+    std::vector<bool> is_kept(of_group.size(), false);
     for (std::size_t k = 0; k < of_group.size(); ++k) {
       const std::size_t i = group.parts[k];
-      noted[k] = unmoved[i] && !group.cut && of_group.size() > 1;
-      if (noted[k] && plane.cover_of(parts[i], cell) != plane.covers.end()) continue;
+      is_kept[k] = unmoved[i] && !group.cut && of_group.size() > 1;
+      if (is_kept[k] && plane.coverage_of(parts[i], cell) != plane.coverages.end()) continue;
       project(i, cell);
-      if (!noted[k]) continue;
-      PartCover cover{parts[i], cell, {}, 0};
+      if (!is_kept[k]) continue;
+      PartCoverage cover{parts[i], cell, {}, 0};
       const CellBox& bounds = casters_[i].bounds();
       if (!bounds.isEmpty()) {
         raster_.begin(cells_about(bounds, cell));
         parts[i].cover(casters_[i], raster_);
         raster_.take(cover.cover);
       }
-      plane.covers.push_back(std::move(cover));
+      plane.coverages.push_back(std::move(cover));
     }
-    mask = older.take_spare();
+    mask = older.unused_mask();
     mask->cells = group.cells;
     mask->parts = std::move(of_group);
-    fill_mask(group, noted, plane, *mask);
+    fill_mask(group, is_kept, plane, *mask);
     made.masks.push_back(std::move(mask));
     ++work[Counter::layer_masks_drawn];
   }
   // Keeps coverage for the two most recent masks: a camera may jitter between two cell sizes.
-  std::erase_if(plane.covers,
-                [&](const PartCover& cover) { return cover.last_used + 1 < plane.times_drawn; });
+  std::erase_if(plane.coverages,
+                [&](const PartCoverage& cover) { return cover.last_used + 1 < plane.times_drawn; });
 }
 
-void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted,
+void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<bool>& is_kept,
                            Plane& plane, DrawnMask& mask) {
   const MaskCells& cells = mask.cells;
   const auto width = static_cast<std::size_t>(cells.width);
@@ -321,7 +321,7 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
     MaskCells band = cells;
     band.v += first_row;
     band.height = std::min(rows, cells.height - first_row);
-    cover_band(group, noted, band, plane, mask,
+    cover_band(group, is_kept, band, plane, mask,
                std::span(mask_values_)
                    .subspan(width * static_cast<std::size_t>(first_row),
                             width * static_cast<std::size_t>(band.height)));
@@ -329,7 +329,7 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
   mask.texture.upload(cells, mask_values_);
 }
 
-void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,
+void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bool>& is_kept,
                             const MaskCells& band, Plane& plane, const DrawnMask& mask,
                             std::span<std::uint8_t> codes) {
   const std::vector<MaskPart>& parts = mask.parts;
@@ -342,12 +342,12 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
     for (std::size_t k = start; k < parts.size(); ++k) {
       if (done[k] || parts[k].light != light) continue;
       done[k] = true;
-      if (!noted[k]) {
+      if (!is_kept[k]) {
         parts[k].cover(casters_[group.parts[k]], raster_);
         continue;
       }
-      const auto known = plane.cover_of(parts[k], mask.cells.size);
-      PENUMBRA_ASSERT(known != plane.covers.end());
+      const auto known = plane.coverage_of(parts[k], mask.cells.size);
+      PENUMBRA_ASSERT(known != plane.coverages.end());
       known->last_used = plane.times_drawn;
       raster_.cover(known->cover);
     }
@@ -366,7 +366,7 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
 int PlaneMasks::draw(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
                      const MaskQuad& quad, RenderWork& work) {
   int calls = 0;
-  for (const std::shared_ptr<DrawnMask>& mask : planes_.at(receiver.plane).now.masks) {
+  for (const std::shared_ptr<DrawnMask>& mask : planes_.at(receiver.plane).latest.masks) {
     work[Counter::mask_pieces_skipped] += quad.draw(
         mask->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame), !plan.reuse);
     ++calls;

@@ -29,7 +29,7 @@ class PlaneMasks {
             RenderWork& work);
   [[nodiscard]] bool has_mask(int plane) const;
   // Returns true if the plane's mask is empty.
-  [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).now.masks.empty(); }
+  [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).latest.masks.empty(); }
   // Makes or reuses the masks that plan() chose. `items`: one per plan.shadows, prepared for masks.
   void make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,
             RenderWork& work);
@@ -57,23 +57,24 @@ class PlaneMasks {
     [[nodiscard]] std::shared_ptr<DrawnMask> mask_of(const MaskCells& cells,
                                                      const std::vector<MaskPart>& wanted) const;
     // Returns an unused mask for reuse of its storage, or a new one.
-    [[nodiscard]] std::shared_ptr<DrawnMask> take_spare();
+    [[nodiscard]] std::shared_ptr<DrawnMask> unused_mask();
   };
   // The coverage of a mask's cells by one caster.
-  struct PartCover {
+  struct PartCoverage {
     MaskPart part;
     double cell = 0.0;
     MaskCover cover;
     std::uint64_t last_used = 0;
   };
   struct Plane {
-    DrawnMasks now, other;               // masks of this frame, masks shown before
-    bool in_use = false;                 // in this frame
-    double depth = 0.0;                  // of the nearest shadow [m]
-    std::vector<MaskPart> drawn_before;  // in the previous mask
-    std::vector<PartCover> covers;       // of parts unchanged since the previous mask
+    DrawnMasks latest, earlier;           // masks of this frame, masks shown before
+    bool in_use = false;                  // in this frame
+    double depth = 0.0;                   // of the nearest shadow [m]
+    std::vector<MaskPart> drawn_before;   // in the previous mask
+    std::vector<PartCoverage> coverages;  // of parts unchanged since the previous mask
     std::uint64_t times_drawn = 0;
-    [[nodiscard]] std::vector<PartCover>::iterator cover_of(const MaskPart& part, double cell);
+    [[nodiscard]] std::vector<PartCoverage>::iterator coverage_of(const MaskPart& part,
+                                                                  double cell);
   };
   // Lays out masks of parts with these bounds, for the current camera.
   using LayOut = std::function<MaskLayout(std::span<const CellBox>)>;
@@ -81,7 +82,7 @@ class PlaneMasks {
   [[nodiscard]] std::optional<double> depth_of(const Scene& scene, const FramePlan& plan, int plane,
                                                CasterCache& casters, RenderWork& work) const;
   // Returns the half octave of the largest cells that are no larger than `pixels` at `depth` [m].
-  [[nodiscard]] int cell_at(double depth, double pixels) const;
+  [[nodiscard]] int half_octave_at(double depth, double pixels) const;
   [[nodiscard]] LayOut layout_for(const FramePlan& plan, const PlaneFrame& frame,
                                   int half_octave) const;
   void make_plane(const FramePlan& plan, Translucency mode, int plane,
@@ -89,15 +90,15 @@ class PlaneMasks {
   void draw_masks(int half_octave, std::vector<MaskPart> parts, const LayOut& lay_out, Plane& plane,
                   RenderWork& work);
   // Fills a mask with the parts of a group. The flags: whether the part's coverage is kept.
-  void fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted, Plane& plane,
+  void fill_mask(const MaskLayout::Group& group, const std::vector<bool>& is_kept, Plane& plane,
                  DrawnMask& mask);
-  void cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,
+  void cover_band(const MaskLayout::Group& group, const std::vector<bool>& is_kept,
                   const MaskCells& band, Plane& plane, const DrawnMask& mask,
                   std::span<std::uint8_t> codes);
 
   bool multisampled_ = false;
   double pixel_at_unit_depth_ = 0.0;  // size of a pixel 1 m from the camera [m]
-  std::int64_t most_side_ = 0;        // maximum number of cells along a texture's side
+  std::int64_t max_mask_side_ = 0;    // maximum number of cells along a texture's side
   ViewFrustum frustum_;
   std::map<int, Plane> planes_;
   std::vector<MaskCaster> casters_;

@@ -51,7 +51,7 @@ bool within(const HeightRange& heights, const HeightRange& range) {
   return heights.low >= range.low - kContactTolerance &&
          heights.high <= range.high + kContactTolerance;
 }
-bool apart(const HeightRange& heights, const HeightRange& range) {
+bool is_outside(const HeightRange& heights, const HeightRange& range) {
   return heights.high < range.low - kContactTolerance ||
          heights.low > range.high + kContactTolerance;
 }
@@ -177,7 +177,7 @@ LayerSources layer_sources(const ShadowDraw& draw, const CachedCaster& caster) {
       if (!exact) exact = heights_of(height, caster.mesh.positions);
       heights = *exact;
     }
-    if (apart(heights, range)) continue;
+    if (is_outside(heights, range)) continue;
     sources[i] = within(heights, range) ? LayerSource::whole : LayerSource::clipped;
   }
   return sources;

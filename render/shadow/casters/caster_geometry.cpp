@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-constexpr float kCoarser = 1.41421356F;  // ratio of longest edges of consecutive coarser meshes
+constexpr float kEdgeRatio = 1.41421356F;  // ratio of longest edges of consecutive coarser meshes
 
 float longest_edge_of(const CasterGeometry& g) {
   float longest = 0.0F;
@@ -93,9 +93,9 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
   if (!std::isfinite(longest)) return g;
   // Splits the longest edges first, so that coarser meshes contain only the splits they need.
   float length = max_edge_m;
-  while (length * kCoarser < longest) length *= kCoarser;
+  while (length * kEdgeRatio < longest) length *= kEdgeRatio;
   for (; longest > max_edge_m && g.indices.size() / 3 < max_triangles;
-       length = std::max(max_edge_m, length / kCoarser)) {
+       length = std::max(max_edge_m, length / kEdgeRatio)) {
     if (!(longest > length)) continue;
     g.coarser.push_back({g.indices, longest});
     do {

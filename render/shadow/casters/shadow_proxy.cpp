@@ -82,7 +82,7 @@ class PointTree {
   std::vector<std::uint32_t> order_;
 };
 
-double agreement(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
+double layer_iou(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
   if (a.empty() && b.empty()) return 1.0;
   const Eigen::AlignedBox2f box = bounds_of(a).merged(bounds_of(b));
   const Eigen::Vector2f size = box.sizes();
@@ -169,7 +169,7 @@ ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& ful
   return carried;
 }
 
-double ProxyAgreement::least() const {
+double ProxyAgreement::min_iou() const {
   double minimum = 1.0;
   for (const auto& layers : iou)
     minimum = std::min(minimum, *std::min_element(layers.begin(), layers.end()));
@@ -205,7 +205,7 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
     const auto full_vertices = place_caster(full, kernels, placed, plane);
     const auto reduced_vertices = place_caster(proxy.mesh, carried, placed, plane);
     for (std::size_t i = 0; i < kShadowLayers.size(); ++i) {
-      result.iou[at][i] = agreement(full_mesh.layer(full_vertices, use, kShadowLayers[i]),
+      result.iou[at][i] = layer_iou(full_mesh.layer(full_vertices, use, kShadowLayers[i]),
                                     reduced_mesh.layer(reduced_vertices, use, kShadowLayers[i]));
       if (!thorough && result.iou[at][i] < kMinProxyAgreement) return result;
     }

@@ -37,8 +37,8 @@ inline constexpr std::array kProxyHeights = {0.2, 0.6};  // object's middle / um
 struct ProxyAgreement {
   // [index into kProxyHeights][index into kShadowLayers]; 1 if both layers are empty.
   std::array<std::array<double, 3>, 2> iou{};
-  [[nodiscard]] double least() const;
-  [[nodiscard]] bool kept() const { return least() >= kMinProxyAgreement; }
+  [[nodiscard]] double min_iou() const;
+  [[nodiscard]] bool is_sufficient() const { return min_iou() >= kMinProxyAgreement; }
 };
 
 // The light and the object's scale for which compare_with_proxy() compares layers.

@@ -123,7 +123,7 @@ bool is_edge_on(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen:
   return !(std::abs(twice_area(a, b, c)) > kEdgeOnArea * size);
 }
 
-bool turns_over(const std::array<DiscVertex, 3>& corners, const LayeredConstants& constants) {
+bool folds_over(const std::array<DiscVertex, 3>& corners, const LayeredConstants& constants) {
   for (const ShadowLayer layer : kShadowLayers) {
     const DiscFace face = clipped_face(corners, constants, layer);
     for (std::size_t i = 2; i < face.count; ++i) {
@@ -213,7 +213,7 @@ TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
     if (is_edge_on(corners[0].x, corners[1].x, corners[2].x)) return;
     ++report.faces_tested;
     tested_area += area;
-    if (!turns_over(corners, constants)) return;
+    if (!folds_over(corners, constants)) return;
     ++report.faces_twisted;
     twisted_area += area;
   });

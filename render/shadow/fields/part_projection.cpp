@@ -157,8 +157,8 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
       high = std::max(high, static_cast<double>(vertex.h));
       const Eigen::Vector2f at(point.x, point.y);
       projected_part.corner_bounds.extend(at);
-      projected_part.reach.extend(at - Eigen::Vector2f::Constant(point.rho));
-      projected_part.reach.extend(at + Eigen::Vector2f::Constant(point.rho));
+      projected_part.disc_bounds.extend(at - Eigen::Vector2f::Constant(point.rho));
+      projected_part.disc_bounds.extend(at + Eigen::Vector2f::Constant(point.rho));
     };
     straddling.clear();
     for (const std::uint32_t index : faces[p]) {
@@ -189,18 +189,18 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
     if (projected_part.end == projected_part.begin) continue;
     // No caster on a table is that large, and larger numbers would overflow.
     constexpr float kMaxReach = 1e12F;
-    if (!(projected_part.reach.min().minCoeff() > -kMaxReach &&
-          projected_part.reach.max().maxCoeff() < kMaxReach)) {
+    if (!(projected_part.disc_bounds.min().minCoeff() > -kMaxReach &&
+          projected_part.disc_bounds.max().maxCoeff() < kMaxReach)) {
       result.corners.resize(projected_part.begin);
       continue;
     }
     // For a light at the zenith or a flat part, rho is the same at all levels.
     if (!std::isinf(constants.light_height) && high > low) {
-      for (std::size_t i = 0; i < kLevels.size(); ++i)
-        projected_part.levels[i] = project.rho_at(low + kLevels[i] * (high - low));
+      for (std::size_t i = 0; i < kClipFractions.size(); ++i)
+        projected_part.levels[i] = project.rho_at(low + kClipFractions[i] * (high - low));
       projected_part.top = project.rho_at(high);
     }
-    result.reach.extend(projected_part.reach);
+    result.disc_bounds.extend(projected_part.disc_bounds);
     result.parts.push_back(projected_part);
   }
   return result;

@@ -13,7 +13,7 @@ namespace penumbra {
 
 // Fractions of a part's height at which the part is clipped. Its umbra is the union of the umbras
 // of the whole part and of the clipped parts (docs/shadows.md#fields).
-inline constexpr std::array<double, 2> kLevels = {0.5, 0.02};
+inline constexpr std::array<double, 2> kClipFractions = {0.5, 0.02};
 
 // A projected corner: its position on the plane, and the radius rho of the disc that the light
 // casts through it.
@@ -24,9 +24,9 @@ struct FieldPoint {
 struct ProjectedPart {
   std::size_t begin = 0, end = 0;     // into ProjectedParts::corners
   Eigen::AlignedBox2f corner_bounds;  // bounds of the projected corners
-  Eigen::AlignedBox2f reach;          // bounds of the discs around the corners
+  Eigen::AlignedBox2f disc_bounds;    // bounds of the discs around the corners
   // rho at the two clip levels (< 0: no such level).
-  std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
+  std::array<float, kClipFractions.size()> levels = {-1.0F, -1.0F};
   float top = 0.0F;  // rho at the top of the part
 };
 
@@ -35,7 +35,7 @@ struct ProjectedParts {
   std::vector<FieldPoint> points;
   std::vector<std::uint32_t> corners;  // indices into points, three per face
   std::vector<ProjectedPart> parts;
-  Eigen::AlignedBox2f reach;  // bounds of the discs of all parts
+  Eigen::AlignedBox2f disc_bounds;  // bounds of the discs of all parts
 };
 
 // Parameters as in power_distance_layers(). Skips parts that are empty or implausibly large.

@@ -15,7 +15,7 @@ namespace penumbra {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kAllMatter = std::numeric_limits<float>::max();  // level: clips nothing
+constexpr float kUnclipped = std::numeric_limits<float>::max();  // level: clips nothing
 // A cell represents a square, so its disc is half a cell larger.
 constexpr float kHalfCell = 0.5F;
 // A rectangle of cells of the field.
@@ -44,8 +44,8 @@ void flag_outline(const float* above, const float* here, const float* below, std
 // Sets flags[x] = 1 if a covered cell's disc may extend beyond those of its four neighbours
 // (docs/shadows.md#fields). Rows hold the maximum rho, or -1 for uncovered cells.
 PENUMBRA_VECTOR_CLONES
-void flag_reaching(const float* above, const float* here, const float* below, std::size_t width,
-                   std::uint8_t* __restrict flags) {
+void flag_protruding_discs(const float* above, const float* here, const float* below,
+                           std::size_t width, std::uint8_t* __restrict flags) {
   for (std::size_t x = 1; x + 1 < width; ++x) {
     const float upright = above[x] < below[x] ? above[x] : below[x];
     const float level = here[x - 1] < here[x + 1] ? here[x - 1] : here[x + 1];
@@ -64,7 +64,7 @@ void merge_penumbra(const float* __restrict distance, float* __restrict to, std:
 }
 
 PENUMBRA_VECTOR_CLONES
-void merge_own_discs(const float* __restrict max_rho, float* __restrict to, std::size_t count) {
+void merge_cell_discs(const float* __restrict max_rho, float* __restrict to, std::size_t count) {
   for (std::size_t x = 0; x < count; ++x) {
     const float radius = max_rho[x] + kHalfCell;
     const float power = max_rho[x] >= 0.0F ? radius * radius : to[x];
@@ -139,10 +139,10 @@ class PartField {
     window_ = window;
     const std::size_t count =
         static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height);
-    greatest_.assign(count, -1.0F);
-    least_.assign(count, kInfinity);
+    max_rho_.assign(count, -1.0F);
+    min_rho_.assign(count, kInfinity);
     gaps_.start(count);
-    column_least_.resize(static_cast<std::size_t>(window.width));
+    column_min_.resize(static_cast<std::size_t>(window.width));
     // Padded to a multiple of eight; the window's border is never flagged.
     flags_.assign((static_cast<std::size_t>(window.width) + 7) / 8 * 8, 0);
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3)
@@ -155,9 +155,9 @@ class PartField {
     const int left = window_.left - disc_window.left;
     const int bottom = window_.bottom - disc_window.bottom;
     for (int row = 1; row + 1 < window_.height; ++row) {
-      const float* here = greatest_.data() + index_of(0, row);
-      flag_reaching(here + window_.width, here, here - window_.width,
-                    static_cast<std::size_t>(window_.width), flags_.data());
+      const float* here = max_rho_.data() + index_of(0, row);
+      flag_protruding_discs(here + window_.width, here, here - window_.width,
+                            static_cast<std::size_t>(window_.width), flags_.data());
       for_each_set(flags_, [&](std::size_t column) {
         transform_.add(static_cast<int>(column) + left, row + bottom, here[column] + kHalfCell);
       });
@@ -168,16 +168,16 @@ class PartField {
                      static_cast<std::size_t>(disc_window.width));
     }
     for (int row = 0; row < window_.height; ++row) {
-      merge_own_discs(greatest_.data() + index_of(0, row),
-                      row_of(field, field.penumbra, window_, row),
-                      static_cast<std::size_t>(window_.width));
+      merge_cell_discs(max_rho_.data() + index_of(0, row),
+                       row_of(field, field.penumbra, window_, row),
+                       static_cast<std::size_t>(window_.width));
     }
   }
 
   // Near the outline, values approximate signed distances. Requires the unclipped outline.
   void add_middle(ShadowField& field) {
     const auto stride = static_cast<std::size_t>(window_.width);
-    middle_.resize(least_.size());
+    middle_.resize(min_rho_.size());
     for (std::size_t i = 0; i < middle_.size(); ++i) middle_[i] = covered(i) ? 1.0F : -1.0F;
     for (const std::uint32_t i : outline_) {
       const auto set_zero = [&](std::size_t neighbour, float distance) {
@@ -202,9 +202,9 @@ class PartField {
     level_ = level;
     outline_.clear();
     for (int row = 1; row + 1 < window_.height; ++row) {
-      const float* here = least_.data() + index_of(0, row);
+      const float* here = min_rho_.data() + index_of(0, row);
       flag_outline(here + window_.width, here, here - window_.width,
-                   static_cast<std::size_t>(window_.width), level, column_least_.data(),
+                   static_cast<std::size_t>(window_.width), level, column_min_.data(),
                    flags_.data());
       for_each_set(flags_, [&](std::size_t column) {
         outline_.push_back(static_cast<std::uint32_t>(index_of(0, row) + column));
@@ -215,12 +215,12 @@ class PartField {
   // Measures, for outline cells that higher faces cover, the distance from the cell centre to the
   // part below the outline's level. `points` and `corners` are those of cover().
   void find_cut_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
-    cut_gaps_.start(least_.size());
+    cut_gaps_.start(min_rho_.size());
     if (!mark_tiles()) return;
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
       std::array<FieldPoint, 3> face = {points[corners[i]], points[corners[i + 1]],
                                         points[corners[i + 2]]};
-      if (std::min({face[0].rho, face[1].rho, face[2].rho}) >= level_ || !meets_tile(face))
+      if (std::min({face[0].rho, face[1].rho, face[2].rho}) >= level_ || !touches_marked_tile(face))
         continue;
       std::ranges::sort(face, {}, &FieldPoint::rho);
       const auto& [low, middle, high] = face;
@@ -258,7 +258,7 @@ class PartField {
     }
     transform_.run();
     for (int row = 0; row < window_.height; ++row) {
-      merge_umbra(transform_.row(row), least_.data() + index_of(0, row), level_,
+      merge_umbra(transform_.row(row), min_rho_.data() + index_of(0, row), level_,
                   row_of(field, field.umbra, window_, row),
                   static_cast<std::size_t>(window_.width));
     }
@@ -285,22 +285,23 @@ class PartField {
            static_cast<std::size_t>(row + window.bottom) * static_cast<std::size_t>(field.width) +
            static_cast<std::size_t>(window.left);
   }
-  [[nodiscard]] bool covered(std::size_t index) const { return least_[index] < kInfinity; }
+  [[nodiscard]] bool covered(std::size_t index) const { return min_rho_[index] < kInfinity; }
 
   // Returns rho at the outline between an uncovered cell and its neighbour at `step`, or infinity.
   // A lower surface that rises towards the outline, as on a round body, is extrapolated by half a
   // cell, but not beyond the upper surface.
   [[nodiscard]] float outline_rho(std::size_t uncovered, std::ptrdiff_t step) const {
     const std::size_t near = uncovered + static_cast<std::size_t>(step);
-    if (!(least_[near] <= level_)) return kInfinity;
-    if (covered(uncovered)) return least_[near];
+    if (!(min_rho_[near] <= level_)) return kInfinity;
+    if (covered(uncovered)) return min_rho_[near];
     const std::size_t deep = near + static_cast<std::size_t>(step);
-    if (!(least_[deep] <= level_)) return least_[near];
-    const float rise = std::max(0.0F, least_[near] - least_[deep]);
-    const float high_near = std::min(greatest_[near], level_);
-    const float fall = std::max(0.0F, std::min(greatest_[deep], level_) - high_near);
-    if (rise <= 0.0F) return least_[near];
-    return least_[near] + rise * std::min(kHalfCell, (high_near - least_[near]) / (rise + fall));
+    if (!(min_rho_[deep] <= level_)) return min_rho_[near];
+    const float rise = std::max(0.0F, min_rho_[near] - min_rho_[deep]);
+    const float high_near = std::min(max_rho_[near], level_);
+    const float fall = std::max(0.0F, std::min(max_rho_[deep], level_) - high_near);
+    if (rise <= 0.0F) return min_rho_[near];
+    return min_rho_[near] +
+           rise * std::min(kHalfCell, (high_near - min_rho_[near]) / (rise + fall));
   }
 
   // Covers a span with rho = at_row + slope_x * column, clamped to [low, high].
@@ -308,8 +309,8 @@ class PartField {
     for (int column = span.first; column < span.end; ++column) {
       const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
       const std::size_t i = index_of(column, span.line);
-      greatest_[i] = std::max(greatest_[i], rho);
-      least_[i] = std::min(least_[i], rho);
+      max_rho_[i] = std::max(max_rho_[i], rho);
+      min_rho_[i] = std::min(min_rho_[i], rho);
     }
   }
 
@@ -363,7 +364,7 @@ class PartField {
     return any;
   }
 
-  [[nodiscard]] bool meets_tile(const std::array<FieldPoint, 3>& face) const {
+  [[nodiscard]] bool touches_marked_tile(const std::array<FieldPoint, 3>& face) const {
     const auto [left, right] = std::minmax({face[0].x, face[1].x, face[2].x});
     const auto [low, high] = std::minmax({face[0].y, face[1].y, face[2].y});
     // Faces are two cells inside the window; the gaps of the adjacent centres are included.
@@ -384,7 +385,7 @@ class PartField {
   [[nodiscard]] float gap(std::size_t i) const {
     float x = covered(i) ? kInfinity : gaps_.x[i];
     float y = covered(i) ? kInfinity : gaps_.y[i];
-    if (level_ < kAllMatter) {
+    if (level_ < kUnclipped) {
       x = std::min(x, cut_gaps_.x[i]);
       y = std::min(y, cut_gaps_.y[i]);
     }
@@ -402,14 +403,14 @@ class PartField {
   }
 
   Window window_;
-  std::vector<float> greatest_, least_;  // rho per cell; uncovered: -1 and infinity
+  std::vector<float> max_rho_, min_rho_;  // rho per cell; uncovered: -1 and infinity
   Gaps gaps_, cut_gaps_;
-  float level_ = kAllMatter;            // of the outline
+  float level_ = kUnclipped;            // of the outline
   std::vector<std::uint32_t> outline_;  // indices of cells
   static constexpr int kTile = 8;       // side of a tile [cells]
   int tile_columns_ = 0;
   std::vector<std::uint8_t> tiles_;
-  std::vector<float> middle_, column_least_;
+  std::vector<float> middle_, column_min_;
   std::vector<std::uint8_t> flags_;
   PowerTransform transform_;
 };
@@ -425,8 +426,8 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   ShadowField field;
   ProjectedParts projected = project_parts(vertices, indices, part, lights, constants);
   if (projected.parts.empty()) return field;
-  const Eigen::Vector2f low = projected.reach.min();
-  const Eigen::Vector2f size = projected.reach.sizes();
+  const Eigen::Vector2f low = projected.disc_bounds.min();
+  const Eigen::Vector2f size = projected.disc_bounds.sizes();
   const float extent = size.maxCoeff();
   if (!(extent > 0.0F)) return field;
 
@@ -467,9 +468,9 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
         std::span(projected.corners)
             .subspan(projected_part.begin, projected_part.end - projected_part.begin);
     part_field.cover(projected.points, faces, window_of(projected_part.corner_bounds));
-    part_field.find_outline(kAllMatter);
+    part_field.find_outline(kUnclipped);
     part_field.add_umbra(field);
-    part_field.add_penumbra(window_of(projected_part.reach), field);
+    part_field.add_penumbra(window_of(projected_part.disc_bounds), field);
     part_field.add_middle(field);
     float previous_rho = projected_part.top / cell;
     for (const float level : projected_part.levels) {

@@ -47,7 +47,7 @@ float* spread_columns(float* from, float* to, std::size_t count, int steps) {
 
 // Copies a strip of columns from the rows.
 PENUMBRA_VECTOR_CLONES
-void take_strip(const float* __restrict values, std::size_t stride, std::size_t height,
+void load_strip(const float* __restrict values, std::size_t stride, std::size_t height,
                 float* __restrict strip) {
   for (std::size_t i = 0; i < height; ++i) {
     const float* from = values + i * stride;
@@ -58,8 +58,8 @@ void take_strip(const float* __restrict values, std::size_t stride, std::size_t 
 
 // Copies the strip back; values greater than the bound become kFar.
 PENUMBRA_VECTOR_CLONES
-void put_strip(const float* __restrict strip, std::size_t stride, std::size_t height, float bound,
-               float* __restrict values) {
+void store_strip(const float* __restrict strip, std::size_t stride, std::size_t height, float bound,
+                 float* __restrict values) {
   for (std::size_t i = 0; i < height; ++i) {
     const float* from = strip + i * kStrip;
     float* to = values + i * stride;
@@ -121,9 +121,9 @@ void PowerTransform::run() {
   float* strip = strips_.data() + kStrip;
   const int steps = std::min(max_extent, height_ - 1);
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
-    take_strip(values_.data() + left, stride_, height, strip);
+    load_strip(values_.data() + left, stride_, height, strip);
     const float* spread = spread_columns(strip, strip + strip_size, count, steps);
-    put_strip(spread, stride_, height, bound_, values_.data() + left);
+    store_strip(spread, stride_, height, bound_, values_.data() + left);
   }
 }
 

@@ -24,7 +24,7 @@ constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
 // Cosine and sine of 0.37 rad: no edge or corner of a regular shape is at this angle to another.
 constexpr float kAskewCosine = 0.93232F;
 constexpr float kAskewSine = 0.36162F;
-constexpr float kEqual = 1.001F;  // areas or sides with a smaller ratio count as equal
+constexpr float kMaxEqualRatio = 1.001F;  // areas or sides with a smaller ratio count as equal
 
 float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -72,7 +72,7 @@ void transform_rows(const float* __restrict g2, float* __restrict squared, std::
 }
 
 PENUMBRA_VECTOR_CLONES
-void take_roots(float* values, std::size_t count) {
+void replace_by_roots(float* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) values[i] = std::sqrt(values[i]);
 }
 
@@ -94,7 +94,7 @@ void step_up(const float* below, float* __restrict here, std::size_t width) {
 
 // Squares `values`, and copies the squares.
 PENUMBRA_VECTOR_CLONES
-void take_squares(float* __restrict values, float* __restrict squares, std::size_t count) {
+void square_and_copy(float* __restrict values, float* __restrict squares, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     const float square = values[i] * values[i];
     values[i] = square;
@@ -258,7 +258,7 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
   }
   float best_alignment = -std::numeric_limits<float>::infinity();
   for (const Rectangle& rectangle : rectangles_) {
-    if (rectangle.width * rectangle.height > kEqual * min_area) continue;
+    if (rectangle.width * rectangle.height > kMaxEqualRatio * min_area) continue;
     const auto consider = [&](const Eigen::Vector2f& axis) {
       const float alignment = axis.dot(reference);
       if (alignment <= best_alignment) return;
@@ -266,11 +266,11 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
       axis_ = axis;
     };
     // Rows lie along the longer side, because short columns make the distance transform cheap.
-    if (kEqual * rectangle.width >= rectangle.height) {
+    if (kMaxEqualRatio * rectangle.width >= rectangle.height) {
       consider(rectangle.along);
       consider(-rectangle.along);
     }
-    if (kEqual * rectangle.height >= rectangle.width) {
+    if (kMaxEqualRatio * rectangle.height >= rectangle.width) {
       const Eigen::Vector2f across(-rectangle.along.y(), rectangle.along.x());
       consider(across);
       consider(-across);
@@ -501,12 +501,12 @@ void FootprintRaster::compute_depth() {
   }
   // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2. The margin's rows stay 0.
   squared_column_distance_.resize(depth_.size());
-  take_squares(depth_.data(), squared_column_distance_.data(), depth_.size());
+  square_and_copy(depth_.data(), squared_column_distance_.data(), depth_.size());
   const auto inner_rows = static_cast<std::size_t>(std::max(height_ - 2, 0));
   float* squared = depth_.data() + stride();
   transform_rows(squared_column_distance_.data() + stride(), squared, inner_rows, stride(),
                  static_cast<std::size_t>(width_));
-  take_roots(squared, inner_rows * stride());
+  replace_by_roots(squared, inner_rows * stride());
 }
 
 Eigen::Vector2f FootprintRaster::centroid() const {

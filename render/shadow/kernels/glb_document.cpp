@@ -100,7 +100,7 @@ std::string media_type_of(std::span<const std::uint8_t> image) {
   return "";
 }
 
-void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up) {
+void write_extras(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up) {
   Json& extras = mesh["extras"];
   if (!extras.is_object()) extras = Json::object();
   extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};

@@ -73,6 +73,6 @@ class GlbDocument {
 }
 
 // Writes the kernels' stamp, groups and direction (in the mesh's axes) into the JSON of a mesh.
-void note_kernels(GlbDocument::Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up);
+void write_extras(GlbDocument::Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up);
 
 }  // namespace penumbra

@@ -22,13 +22,13 @@ namespace {
 using Json = GlbDocument::Json;
 
 // Reference counts of accessors and buffer views. Data of old kernels alone may be overwritten.
-struct Readers {
+struct ReferenceCounts {
   std::map<std::size_t, int> of_accessor, of_view;
 };
-Readers readers_of(const Json& json) {
-  Readers readers;
-  const auto count = [&readers](const Json& accessor) {
-    if (accessor.is_number_unsigned()) ++readers.of_accessor[accessor.get<std::size_t>()];
+ReferenceCounts references_of(const Json& json) {
+  ReferenceCounts references;
+  const auto count = [&references](const Json& accessor) {
+    if (accessor.is_number_unsigned()) ++references.of_accessor[accessor.get<std::size_t>()];
   };
   for (const Json& mesh : json.at("meshes")) {
     for (const Json& primitive : mesh.at("primitives")) {
@@ -51,8 +51,8 @@ Readers readers_of(const Json& json) {
       count(sampler.value("output", Json()));
     }
   }
-  const auto count_view = [&readers](const Json& from) {
-    if (from.contains("bufferView")) ++readers.of_view[from.at("bufferView").get<std::size_t>()];
+  const auto count_view = [&references](const Json& from) {
+    if (from.contains("bufferView")) ++references.of_view[from.at("bufferView").get<std::size_t>()];
   };
   for (const Json& accessor : json.at("accessors")) {
     count_view(accessor);
@@ -60,19 +60,19 @@ Readers readers_of(const Json& json) {
     for (const char* part : {"indices", "values"}) count_view(accessor.at("sparse").at(part));
   }
   for (const Json& image : list(json, "images")) count_view(image);
-  return readers;
+  return references;
 }
 
 // Overwrites existing kernels, so that the file does not grow when they are stored again. Returns
 // false if their count differs, they are not dense, or their data is shared with another attribute.
-bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& attributes,
-                     const std::vector<glm::vec3>& vectors) {
+bool replace_vectors(GlbDocument& document, const ReferenceCounts& references,
+                     const Json& attributes, const std::vector<glm::vec3>& vectors) {
   const Json& json = document.json;
   const auto existing = attributes.find("_SHADOW_KERNEL");
   if (existing == attributes.end()) return false;
   const auto index = existing->get<std::size_t>();
   const Json& accessor = json.at("accessors").at(index);
-  if (readers.of_accessor.at(index) != 1 ||
+  if (references.of_accessor.at(index) != 1 ||
       accessor.value("componentType", 0) != GlbDocument::kFloat ||
       accessor.value("type", "") != "VEC3" ||
       accessor.value("count", std::size_t{0}) != vectors.size() || accessor.contains("sparse") ||
@@ -82,7 +82,7 @@ bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& 
   const auto view_index = accessor.at("bufferView").get<std::size_t>();
   const Json& view = json.at("bufferViews").at(view_index);
   const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
-  const bool sole = readers.of_view.at(view_index) == 1 &&
+  const bool sole = references.of_view.at(view_index) == 1 &&
                     view.value("byteLength", std::size_t{0}) == std::span(vectors).size_bytes() &&
                     accessor.value("byteOffset", std::size_t{0}) == 0;
   if (!dense || !sole || view.value("buffer", 0) != 0) return false;
@@ -96,7 +96,7 @@ class KernelWriter {
         kernels_(kernels),
         unit_m_(unit_m),
         name_(std::move(name)),
-        readers_(readers_of(document.json)) {}
+        references_(references_of(document.json)) {}
 
   [[nodiscard]] Result<void> add(const gltf::MeshUse& use) {
     // A node of scale 0 is invisible: its mesh stays unchanged. Instances of scale 0 are dropped.
@@ -115,7 +115,7 @@ class KernelWriter {
       const auto count =
           document_.json.at("accessors").at(positions).at("count").get<std::size_t>();
       PENUMBRA_TRY(const auto local, local_kernels(primitive, count));
-      if (!is_copy && replace_vectors(document_, readers_, attributes, local)) continue;
+      if (!is_copy && replace_vectors(document_, references_, attributes, local)) continue;
       attributes["_SHADOW_KERNEL"] = document_.add_vectors(local);
       document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
           std::move(attributes);
@@ -124,7 +124,7 @@ class KernelWriter {
     const Eigen::Matrix3d linear = use.is_skinned
                                        ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                        : Eigen::Matrix3d(T_root_vertex.topLeftCorner<3, 3>());
-    note_kernels(document_.json.at("meshes").at(mesh), kernels_,
+    write_extras(document_.json.at("meshes").at(mesh), kernels_,
                  (linear.inverse() * to_file_axes(kernels_.up)).normalized());
     return {};
   }
@@ -221,7 +221,7 @@ class KernelWriter {
   const KernelFile& kernels_;
   double unit_m_;  // of the file
   std::string name_;
-  Readers readers_;
+  ReferenceCounts references_;
   std::set<int> written_;                 // meshes of the file with their first use done
   std::map<int, std::size_t> instances_;  // per node: number of nodes that replace its instances
 };

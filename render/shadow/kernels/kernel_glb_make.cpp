@@ -132,7 +132,7 @@ int wrap_mode(TextureWrap wrap) {
 }
 
 // Returns true if the texture's image file is in a glTF format and decodes to the same pixels.
-bool has_own_image(const Texture& texture) {
+bool has_embeddable_image(const Texture& texture) {
   if (media_type_of(texture.encoded).empty()) return false;
   const auto decoded = decode_rgba(texture.encoded, "");
   return decoded && decoded->pixels == texture.rgba;
@@ -146,7 +146,7 @@ class MaterialWriter {
   std::size_t add_images(const Model& model) {
     std::size_t skipped = 0;
     for (const Texture& texture : model.textures) {
-      if (!has_own_image(texture)) {
+      if (!has_embeddable_image(texture)) {
         ++skipped;
         images_.push_back(-1);
         continue;
@@ -253,7 +253,7 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
     const bool has_name = piece.node && !model.nodes[*piece.node].mesh.empty();
     Json mesh = {{"name", as_utf8(has_name ? model.nodes[*piece.node].mesh : from.name)},
                  {"primitives", Json::array({std::move(primitive)})}};
-    note_kernels(mesh, kernels, to_file_axes(kernels.up));
+    write_extras(mesh, kernels, to_file_axes(kernels.up));
     json["meshes"].push_back(std::move(mesh));
     add_named_node(json, model, piece);
   }

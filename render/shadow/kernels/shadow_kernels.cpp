@@ -102,10 +102,10 @@ class LocalThickness {
   LocalThickness(bool smooth, std::size_t parts, KernelProgress* progress = nullptr,
                  const KernelTuning& tuning = {})
       : smooth_(smooth), progress_(progress), tuning_(tuning) {
-    const double share = static_cast<double>(tuning.cells_of_all) /
+    const double share = static_cast<double>(tuning.shared_cells) /
                          static_cast<double>(std::max<std::size_t>(1, parts));
-    least_side_cells_ = std::clamp(static_cast<int>(std::sqrt(share)), tuning.least_side_cells,
-                                   std::max(tuning.least_side_cells, tuning.most_side_cells));
+    min_side_cells_ = std::clamp(static_cast<int>(std::sqrt(share)), tuning.min_side_cells,
+                                 std::max(tuning.min_side_cells, tuning.max_side_cells));
   }
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
@@ -188,7 +188,7 @@ class LocalThickness {
     return std::clamp(
         static_cast<int>(std::lround(tuning_.cells_per_root *
                                      std::sqrt(static_cast<double>(part.points.size())))),
-        least_side_cells_, std::max(least_side_cells_, tuning_.most_side_cells));
+        min_side_cells_, std::max(min_side_cells_, tuning_.max_side_cells));
   }
 
   void report(std::size_t vertices) {
@@ -316,7 +316,7 @@ class LocalThickness {
 
   bool smooth_;
   KernelProgress* progress_;
-  int least_side_cells_ = 0;
+  int min_side_cells_ = 0;
   KernelTuning tuning_;
   float nominal_cell_ = 1.0F;  // [cells of the raster]
   FootprintRaster raster_;

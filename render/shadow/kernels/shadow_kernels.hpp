@@ -33,10 +33,10 @@ struct KernelTuning {
   float ridge_slope = 0.7F;
   // Side of a square raster [cells] / sqrt(number of the part's vertices), within the next limits.
   double cells_per_root = 8.0;
-  int least_side_cells = 32;
-  int most_side_cells = 128;
+  int min_side_cells = 32;
+  int max_side_cells = 128;
   // Cells shared by all parts: raises the minimum side if a body has few parts.
-  int cells_of_all = 1 << 17;
+  int shared_cells = 1 << 17;
 };
 
 // Progress of generate_kernels(), read by another thread.
@@ -69,7 +69,7 @@ inline constexpr double kHalfFieldCell = 1.0 / 512.0;  // half a cell of a field
 // A sample of a silhouette with the automatic kernel of a vertex at that position (object frame
 // [m], heights along `up` irrelevant). It represents a square of side `side` around it.
 struct SilhouettePoint {
-  glm::vec3 place{0.0F}, kernel{0.0F};
+  glm::vec3 sample_point{0.0F}, kernel{0.0F};
   float side = 0.0F;
 };
 // Returns samples of the silhouettes of all parts, about 1 / `cells` of the object's extent apart.

@@ -16,8 +16,8 @@ namespace {
 constexpr std::size_t kDiscBlock = 16;  // discs tested at once
 // Squared relative distances that differ by no more than this factor and this addend are equal, so
 // that rounding does not choose between the two sides of a symmetric shape.
-constexpr float kAsNear = 1.001F;
-constexpr float kNearEnough = 1e-6F;
+constexpr float kMaxEqualRatio = 1.001F;
+constexpr float kEqualTolerance = 1e-6F;
 
 // Writes the depth of ridge cells, 0 for others, and flags ridge cells. A row and a cell must exist
 // before and after the `count` cells.
@@ -152,7 +152,7 @@ std::size_t ReachingDiscs::nearest(std::size_t first, std::size_t end, float x, 
   const std::int32_t min_distance =
       relative_distances(x_.data() + first, y_.data() + first, squared_reach_.data() + first,
                          squared_radius_.data() + first, end - first, x, y, distances_.data());
-  const float limit = std::bit_cast<float>(min_distance) * kAsNear + kNearEnough;
+  const float limit = std::bit_cast<float>(min_distance) * kMaxEqualRatio + kEqualTolerance;
   const auto found = std::ranges::find_if(
       distances_, [limit](std::int32_t bits) { return std::bit_cast<float>(bits) <= limit; });
   return first + static_cast<std::size_t>(found - distances_.begin());

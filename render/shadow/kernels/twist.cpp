@@ -103,7 +103,7 @@ double layer_overshoot(const ShadowMesh& mesh, const ShadowKernels& kernels, dou
   for (const SilhouettePoint& point : points) {
     // The raster of the points may be rotated by any angle.
     const float half_side = 0.71F * static_cast<float>(factor) * point.side;
-    outline.cover_square(image(point.place, point.kernel), half_side);
+    outline.cover_square(image(point.sample_point, point.kernel), half_side);
   }
   return 1.0 - static_cast<double>(layer.count_with(outline)) / static_cast<double>(covered);
 }

@@ -44,7 +44,7 @@ ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_
   }
 }
 
-bool ReceivingSurface::meets(const Face& face, const Eigen::AlignedBox2d& rectangle) {
+bool ReceivingSurface::overlaps(const Face& face, const Eigen::AlignedBox2d& rectangle) {
   return static_cast<double>(face.u_high) >= rectangle.min().x() &&
          static_cast<double>(face.u_low) <= rectangle.max().x() &&
          static_cast<double>(face.v_high) >= rectangle.min().y() &&
@@ -54,7 +54,7 @@ bool ReceivingSurface::meets(const Face& face, const Eigen::AlignedBox2d& rectan
 double ReceivingSurface::lowest(const Eigen::AlignedBox2d& rectangle) const {
   double lowest = std::numeric_limits<double>::infinity();
   for (const Face& face : faces_) {
-    if (meets(face, rectangle)) lowest = std::min(lowest, static_cast<double>(face.low));
+    if (overlaps(face, rectangle)) lowest = std::min(lowest, static_cast<double>(face.low));
   }
   return lowest;
 }
@@ -66,7 +66,7 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& rectangl
   double slope_high = -slope_low;
   for (const Face& face : faces_) {
     const auto low = static_cast<double>(face.low);
-    if (!meets(face, rectangle) || low > top) continue;
+    if (!overlaps(face, rectangle) || low > top) continue;
     if (face.level) {
       plateaus.push_back(low);
     } else {

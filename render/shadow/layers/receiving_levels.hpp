@@ -46,7 +46,7 @@ class ReceivingSurface {
     float u_low, u_high, v_low, v_high, low, high;  // [m]
     bool level;
   };
-  [[nodiscard]] static bool meets(const Face& face, const Eigen::AlignedBox2d& rectangle);
+  [[nodiscard]] static bool overlaps(const Face& face, const Eigen::AlignedBox2d& rectangle);
 
   std::vector<Face> faces_;
   Eigen::AlignedBox2d bounds_;

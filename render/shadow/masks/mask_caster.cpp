@@ -11,7 +11,7 @@ namespace penumbra {
 namespace {
 
 // Limit of positions relative to the object's origin: products of differences fit into 64 bits.
-constexpr float kFarthest = 1 << 29;
+constexpr float kMaxPosition = 1 << 29;
 
 }  // namespace
 
@@ -29,7 +29,7 @@ std::optional<MaskCaster::Position> MaskCaster::position_of(const PlanePoint& p)
   const Eigen::Vector2d on_plane =
       T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
   Eigen::Vector2d at = kSubcells * (on_plane / cell_ - first_.cast<double>());
-  constexpr double kMaxCoordinate = kFarthest;
+  constexpr double kMaxCoordinate = kMaxPosition;
   if (!(std::abs(at.x()) <= kMaxCoordinate && std::abs(at.y()) <= kMaxCoordinate)) {
     if (!at.allFinite()) return std::nullopt;
     at = at.cwiseMax(-kMaxCoordinate).cwiseMin(kMaxCoordinate);
@@ -136,14 +136,14 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
     if (!wanted_[layer]) continue;
     // If no position is finite, lowest > highest.
     const auto within = [](float lowest, float highest) {
-      return lowest >= -kFarthest && highest <= kFarthest && lowest <= highest;
+      return lowest >= -kMaxPosition && highest <= kMaxPosition && lowest <= highest;
     };
     if (!within(low.u[layer], high.u[layer]) || !within(low.v[layer], high.v[layer])) {
       clamp_positions();
       return;
     }
-    extend_bounds(low.place(layer));
-    extend_bounds(high.place(layer));
+    extend_bounds(low.layer_position(layer));
+    extend_bounds(high.layer_position(layer));
   }
 }
 
@@ -160,9 +160,9 @@ void MaskCaster::clamp_positions() {
         u = v = kNone;
         continue;
       }
-      u = std::clamp(u, -kFarthest, kFarthest);
-      v = std::clamp(v, -kFarthest, kFarthest);
-      extend_bounds(image.place(layer));
+      u = std::clamp(u, -kMaxPosition, kMaxPosition);
+      v = std::clamp(v, -kMaxPosition, kMaxPosition);
+      extend_bounds(image.layer_position(layer));
     }
   }
 }

@@ -47,7 +47,7 @@ class MaskCaster {
   struct Images {
     alignas(16) std::array<float, 4> u;
     alignas(16) std::array<float, 4> v;
-    [[nodiscard]] Position place(std::size_t layer) const {
+    [[nodiscard]] Position layer_position(std::size_t layer) const {
       return {static_cast<std::int64_t>(u[layer]), static_cast<std::int64_t>(v[layer])};
     }
   };

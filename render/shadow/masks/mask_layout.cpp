@@ -9,7 +9,7 @@ namespace {
 
 // A mask with up to this number of cells along each side is neither split nor clipped, so camera
 // motion does not change it.
-constexpr std::int64_t kCellsOfWhole = 1024;
+constexpr std::int64_t kMaxUncutSide = 1024;
 constexpr double kMaxCells = 1 << 23;  // total over the masks of a plane: 8 MiB
 // The visible region is rounded to multiples of this: small camera motion does not change it.
 constexpr std::int64_t kCutCells = 256;
@@ -90,7 +90,7 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
     all.box.extend(bounds[i]);
   }
   if (all.parts.empty()) return layout;
-  if (all.box.sizes().maxCoeff() < kCellsOfWhole) {
+  if (all.box.sizes().maxCoeff() < kMaxUncutSide) {
     layout.groups.push_back(
         {all.parts, cells_of(with_border(all.box), cell_size(half_octave)), false});
     return layout;
@@ -114,7 +114,7 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
     std::int64_t longest = 0;
     for (const PartGroup& group : meeting_groups(boxes)) {
       CellBox box = group.box;
-      const bool cut = box.sizes().maxCoeff() >= kCellsOfWhole;
+      const bool cut = box.sizes().maxCoeff() >= kMaxUncutSide;
       if (cut) {
         Eigen::AlignedBox2d visible_region;
         for (const std::size_t i : group.parts) visible_region.extend(visible_parts[i].box);

@@ -12,11 +12,11 @@
 namespace penumbra {
 namespace {
 
-constexpr std::int32_t kWhole = 1 << 17;  // twice the area of a cell [squared subcells]
+constexpr std::int32_t kFullCell = 1 << 17;  // twice the area of a cell [squared subcells]
 // kMaxSheets: number of sheets (overlapping faces over a cell) that a sum can hold.
 // kClampedSheets: sums are clamped to this to make room; it is large enough to make the rounding of
 // edges negligible.
-constexpr std::size_t kMaxSheets = std::numeric_limits<std::int32_t>::max() / kWhole;
+constexpr std::size_t kMaxSheets = std::numeric_limits<std::int32_t>::max() / kFullCell;
 constexpr std::size_t kClampedSheets = 512;
 constexpr std::size_t kSheetsAtOnce = kMaxSheets - kClampedSheets;
 
@@ -28,7 +28,7 @@ void mask_values_of(const std::int32_t* umbra, const std::int32_t* middle,
   for (std::size_t i = 0; i < count; ++i) {
     const auto coverage = [](std::int32_t covered) {
       const std::int32_t area = covered < 0 ? -covered : covered;
-      return static_cast<float>(area < kWhole ? area : kWhole) * (1.0F / kWhole);
+      return static_cast<float>(area < kFullCell ? area : kFullCell) * (1.0F / kFullCell);
     };
     // A layer lies within the next lighter one, and their edges coincide at contact with the plane.
     // The covered areas therefore overlap as far as possible.
@@ -198,8 +198,8 @@ void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const Shared
       if ((differ >> layer & 1U) == 0) continue;
       // Uses the edge's direction in the counter-clockwise face.
       const bool forward = (caster.counter_clockwise_[edge.forward] >> layer & 1U) != 0;
-      add_edge(steps_, layer, first + (forward ? from : to).place(layer),
-               first + (forward ? to : from).place(layer));
+      add_edge(steps_, layer, first + (forward ? from : to).layer_position(layer),
+               first + (forward ? to : from).layer_position(layer));
     }
   }
 }
@@ -214,7 +214,7 @@ void MaskRaster::cover_counter_clockwise(const MaskCaster& caster,
       if ((caster.counter_clockwise_[face] >> layer & 1U) == 0) continue;
       std::array<Position, 3> corners;
       for (std::size_t corner = 0; corner < 3; ++corner)
-        corners[corner] = first + caster.images_[indices[3 * face + corner]].place(layer);
+        corners[corner] = first + caster.images_[indices[3 * face + corner]].layer_position(layer);
       make_room(layer, 1);
       add_face(steps_, layer, corners);
     }
@@ -274,7 +274,7 @@ void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
 
 // Clamps sums to kClampedSheets; covered cells stay covered.
 void MaskRaster::clamp_sums() {
-  static constexpr auto kMaxSum = static_cast<std::int32_t>(kClampedSheets) * kWhole;
+  static constexpr auto kMaxSum = static_cast<std::int32_t>(kClampedSheets) * kFullCell;
   const auto clamp_row = [](std::array<std::int32_t, 4>* steps,
                             std::span<const std::uint8_t> touched) {
     std::array<std::int32_t, 3> sum{};
@@ -418,8 +418,8 @@ void MaskRaster::finish_coverage(const MaskCells& part, std::span<std::uint8_t> 
                                      static_cast<std::size_t>(part.height));
   std::ranges::fill(rgba, std::uint8_t{0});
   const auto code = [](std::int32_t covered) {
-    const std::int32_t area = std::min(covered < 0 ? -covered : covered, kWhole);
-    return static_cast<std::uint8_t>((std::int64_t{255} * area + kWhole / 2) / kWhole);
+    const std::int32_t area = std::min(covered < 0 ? -covered : covered, kFullCell);
+    return static_cast<std::uint8_t>((std::int64_t{255} * area + kFullCell / 2) / kFullCell);
   };
   for (int row = 0; row < cells_.height; ++row) {
     const std::size_t count = finish_row(static_cast<std::size_t>(row));

@@ -116,7 +116,7 @@ std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
     if (!shadow) continue;
     const Eigen::Vector3d from =
         light.w() != 0.0 ? Eigen::Vector3d(light.head<3>() / light.w())
-                         : Eigen::Vector3d(vertex + kParallelRay * light.head<3>().normalized());
+                         : Eigen::Vector3d(vertex + kRayLength_m * light.head<3>().normalized());
     rays.push_back({from, vertex, *shadow, marked.color});
   }
   return rays;

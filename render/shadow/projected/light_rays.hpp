@@ -24,7 +24,7 @@ struct MarkedVertex {
 [[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t limit);
 
 // Rays of a parallel light start at this distance before the vertex [m].
-inline constexpr double kParallelRay = 0.25;
+inline constexpr double kRayLength_m = 0.25;
 
 struct RayReceiver {
   PlaneFrame frame;

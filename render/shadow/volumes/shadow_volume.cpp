@@ -34,7 +34,7 @@ struct VolumeLight {
 };
 
 // Returns t >= 0 with |p + t d| = radius, or 0 if p is outside the sphere.
-double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
+double sphere_exit(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
   const double a = d.squaredNorm();
   const double b = p.dot(d);
   const double c = p.squaredNorm() - radius * radius;
@@ -83,9 +83,9 @@ class LightGrid {
   }
   void clear() {
     std::ranges::fill(counts_, 0U);
-    most_ = 0;
+    max_count_ = 0;
   }
-  [[nodiscard]] unsigned most() const { return most_; }
+  [[nodiscard]] unsigned max_count() const { return max_count_; }
 
   void cover(std::uint32_t i, std::uint32_t j, std::uint32_t k) {
     const std::array<Eigen::Vector2d, 3> p = {at_[i], at_[j], at_[k]};
@@ -107,7 +107,7 @@ class LightGrid {
       const int last = std::min(kSide, static_cast<int>(std::ceil(end))) - 1;
       for (int x = first; x <= last; ++x) {
         unsigned& here = counts_[static_cast<std::size_t>(y * kSide + x)];
-        most_ = std::max(most_, ++here);
+        max_count_ = std::max(max_count_, ++here);
       }
     }
   }
@@ -115,7 +115,7 @@ class LightGrid {
  private:
   std::vector<Eigen::Vector2d> at_;  // in grid steps
   std::vector<unsigned> counts_;
-  unsigned most_ = 0;
+  unsigned max_count_ = 0;
 };
 
 // The end of the volume: p + t (p - L), or p - t L for a parallel light. A common factor t for all
@@ -133,7 +133,7 @@ VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector
   for (std::size_t i = 0; i < near.size(); ++i) {
     if (!used[i]) continue;
     const Eigen::Vector3d direction = light.away(near[i]);
-    to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
+    to_sphere = std::min(to_sphere, sphere_exit(near[i], direction, reach));
     farthest = std::max(farthest, near[i].norm());
     for (const PlaneFrame& floor : floors) {
       const double fall = -floor.n.dot(direction);
@@ -334,7 +334,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
       };
       cover();
       const std::size_t batch = result.batch_ends.empty() ? 0 : result.batch_ends.back();
-      if (grid->most() > LightGrid::kMaxInitialCount && result.triangles.size() > batch) {
+      if (grid->max_count() > LightGrid::kMaxInitialCount && result.triangles.size() > batch) {
         result.batch_ends.push_back(result.triangles.size());
         grid->clear();
         cover();

@@ -188,7 +188,7 @@ TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
 }
 
 // The frame list has its header even without a frame; without exposures it has no exposure column.
-TEST(RecordingWriter, WritesFrameListHeaderInAnyCase) {
+TEST(RecordingWriter, WritesFrameListHeaderWithAndWithoutFrames) {
   for (const bool with_image : {false, true}) {
     const test::TemporaryFolder temporary;
     const fs::path folder = temporary.path() / "session";
@@ -303,7 +303,7 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
 }
 
 // Files that the writer did not create are kept.
-TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
+TEST(RecordingWriter, KeepsForeignFilesOfRejectedFolder) {
   const test::TemporaryFolder temporary;
   ASSERT_TRUE(write_text_file(temporary.path() / "camera.yaml", "mine"));
   auto writer = RecordingWriter::begin(temporary.path(), head_for("MJPEG", 640, 480));

@@ -35,7 +35,7 @@ TEST(Resources, AreFoundInShareWhenInstalled) {
   EXPECT_EQ(*found, root.path() / "usr" / "share" / "penumbra");
 }
 
-TEST(Resources, PreferEnvironmentVariableAndRejectInvalidOne) {
+TEST(Resources, PreferEnvironmentVariableAndRejectInvalidFolder) {
   const test::TemporaryFolder root;
   make_resources(root.path() / "tree");
   make_resources(root.path() / "given");
@@ -54,7 +54,7 @@ TEST(Resources, ReportMissingFolderWithRemedy) {
   EXPECT_THAT(found.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
 }
 
-TEST(InterruptWatch, CountsRepeatedSignalsOnceAndRestoresMask) {
+TEST(InterruptWatch, SurvivesRepeatedSignalsAndRestoresMask) {
   sigset_t before;
   pthread_sigmask(SIG_BLOCK, nullptr, &before);
   {

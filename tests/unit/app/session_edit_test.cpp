@@ -13,8 +13,8 @@
 namespace penumbra {
 namespace {
 
-constexpr int kPictureWidth = 160;
-constexpr int kPictureHeight = 120;
+constexpr int kImageWidth = 160;
+constexpr int kImageHeight = 120;
 
 class EditedSession : public testing::Test {
  protected:
@@ -51,9 +51,9 @@ class EditedSession : public testing::Test {
   }
 
   SessionFrame step() {
-    Frame frame = test::plain_frame(kPictureWidth, kPictureHeight, 200);
+    Frame frame = test::plain_frame(kImageWidth, kImageHeight, 200);
     frame.timestamp_ns = 1'000'000'000LL * frame_number++;
-    image.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 0);
+    image.assign(static_cast<std::size_t>(kImageWidth) * kImageHeight * 4, 0);
     return session->draw(session->track(frame), image).value();
   }
   [[nodiscard]] ShadowStyled styled(const char* name) const {
@@ -64,7 +64,7 @@ class EditedSession : public testing::Test {
   }
 
   test::SceneBuilder builder;
-  CameraModel camera = test::camera_of(kPictureWidth, kPictureHeight, 140.0);
+  CameraModel camera = test::camera_of(kImageWidth, kImageHeight, 140.0);
   std::unique_ptr<GlContext> context;
   std::optional<Session> session;
   std::vector<std::uint8_t> image;
@@ -74,7 +74,7 @@ class EditedSession : public testing::Test {
 // The image of the warm-up must not remain in the framebuffer.
 TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
-  image.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
+  image.assign(static_cast<std::size_t>(kImageWidth) * kImageHeight * 4, 77);
   ASSERT_TRUE(session->read_back(image));
   int lit = 0;
   for (std::size_t i = 0; i < image.size(); ++i) lit += i % 4 != 3 && image[i] != 0 ? 1 : 0;
@@ -84,7 +84,7 @@ TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
 }
 
 // A replay uses the light that the session recorded, not light measured in the images.
-TEST_F(EditedSession, UsesRecordedLightInPlaceOfMeasuredOne) {
+TEST_F(EditedSession, UsesRecordedInsteadOfMeasuredLight) {
   const auto drawn_with = [&](std::vector<LitFrame> recorded) {
     Trajectory poses;
     poses.poses.push_back({0, test::look_at({0.1, -0.5, 0.5}, {0, 0, 0}), {}});

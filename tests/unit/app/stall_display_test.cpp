@@ -19,13 +19,13 @@ TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s =
   return tracked;
 }
 
-TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
+TEST(StallDisplay, HasNothingToShowBeforeFirstFrame) {
   StallDisplay display;
   EXPECT_FALSE(display.holds());
   EXPECT_FALSE(display.frame_to_show(100 * kMs));
 }
 
-TEST(StreamStall, CoastsPoseThenLosesIt) {
+TEST(StallDisplay, CoastsPoseThenLosesIt) {
   for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
     SCOPED_TRACE(to_string(before));
     StallDisplay display;
@@ -50,7 +50,7 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
   }
 }
 
-TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
+TEST(StallDisplay, FadesEachGroupByItsAge) {
   const double half_s = 0.5 * kHoldSeconds;
   StallDisplay display;
   display.observe(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));

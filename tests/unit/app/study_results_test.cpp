@@ -161,7 +161,7 @@ TEST(StudyFile, AcceptsByteOrderMark) {
   }
 }
 
-TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
+TEST(StudyFile, KeepsExistingRowsAndRejectsOtherStudies) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const StudyDesign first = design_of(1);

@@ -30,13 +30,13 @@ struct Count {
 // Redirects standard error to one end of a pipe or terminal and collects the text at the other end.
 class CapturedError {
  public:
-  CapturedError(int ours, int theirs) : ours_(ours), kept_(dup(STDERR_FILENO)) {
+  CapturedError(int ours, int theirs) : read_end_(ours), saved_stderr_(dup(STDERR_FILENO)) {
     dup2(theirs, STDERR_FILENO);
     close(theirs);
     reader_ = std::jthread([this] {
       std::array<char, 256> block{};
       for (;;) {
-        const ssize_t count = read(ours_, block.data(), block.size());
+        const ssize_t count = read(read_end_, block.data(), block.size());
         if (count <= 0) return;  // EIO: the other end of the terminal is closed
         const std::lock_guard lock(mutex_);
         text_.append(block.data(), static_cast<std::size_t>(count));
@@ -60,18 +60,18 @@ class CapturedError {
   }
   // Restores standard error and returns the collected text.
   [[nodiscard]] std::string finish() {
-    if (kept_ >= 0) {
-      dup2(kept_, STDERR_FILENO);
-      close(std::exchange(kept_, -1));
+    if (saved_stderr_ >= 0) {
+      dup2(saved_stderr_, STDERR_FILENO);
+      close(std::exchange(saved_stderr_, -1));
       reader_.join();
-      close(ours_);
+      close(read_end_);
     }
     return text_;
   }
 
  private:
-  int ours_;
-  int kept_;
+  int read_end_;
+  int saved_stderr_;
   std::mutex mutex_;
   std::string text_;
   std::jthread reader_;

@@ -133,7 +133,7 @@ ShapeErrors errors_with(const std::function<void(Eigen::Vector3d&, std::mt19937&
   return sum;
 }
 
-TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatOne) {
+TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatBoard) {
   const auto waves = [](Eigen::Vector3d& p, std::mt19937& rng) {
     std::normal_distribution<double> print(0.0, 2e-5);
     p += Eigen::Vector3d(print(rng), print(rng),

@@ -19,7 +19,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-CameraParameters usual() {
+CameraParameters typical_camera() {
   CameraParameters p;
   p.width = 640;
   p.height = 480;
@@ -34,7 +34,7 @@ std::string warning_of(const CameraParameters& p) {
 }
 
 TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
-  EXPECT_EQ(warning_of(usual()), "");
+  EXPECT_EQ(warning_of(typical_camera()), "");
   struct Case {
     const char* name;
     double fx;
@@ -54,17 +54,17 @@ TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
              {0.0034, 0.0007, -0.002, 0.0002}},
         Case{"fisheye of 220 degrees", 167.0, DistortionModel::fisheye, {}},
         Case{"telephoto lens of 2 degrees", 18000.0, DistortionModel::plumb_bob, {0.1}}}) {
-    CameraParameters p = usual();
+    CameraParameters p = typical_camera();
     p.fx = p.fy = c.fx;
     p.model = c.model;
     p.distortion = c.distortion;
     EXPECT_EQ(warning_of(p), "") << c.name;
   }
-  CameraParameters p = usual();
+  CameraParameters p = typical_camera();
   p.cx = 40.0;  // a crop of the right side of a larger image
   p.cy = 470.0;
   EXPECT_EQ(warning_of(p), "");
-  p = usual();
+  p = typical_camera();
   p.fy = 250.0;  // every second row is skipped
   p.height = 240;
   p.cy = 119.5;
@@ -72,17 +72,17 @@ TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
 }
 
 TEST(CameraPlausibility, ReportsFieldValueAndCause) {
-  CameraParameters p = usual();
+  CameraParameters p = typical_camera();
   p.cx = 959.5;
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("cx is 959.5"), HasSubstr("640 px"),
                                    HasSubstr("another image size")));
-  p = usual();
+  p = typical_camera();
   p.cy = -239.5;
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("cy is -239.5"), HasSubstr("480 px")));
-  p = usual();
+  p = typical_camera();
   p.fy = 5000.0;
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("fy is 5000"), HasSubstr("fx is 500")));
-  p = usual();
+  p = typical_camera();
   p.fx = p.fy = 4.0;
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("fx is 4 px"), HasSubstr("millimetres")));
   p.fx = p.fy = 0.8;
@@ -95,7 +95,7 @@ TEST(CameraPlausibility, ReportsFieldValueAndCause) {
 }
 
 TEST(CameraPlausibility, WarnsOfDistortionNonMonotonicInsideImage) {
-  CameraParameters p = usual();
+  CameraParameters p = typical_camera();
   p.distortion = {-2.0};
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("[-2, 0, 0, 0, 0] of plumb_bob"),
                                    HasSubstr("non-monotonic from 136 px")));
@@ -107,7 +107,7 @@ TEST(CameraPlausibility, WarnsOfDistortionNonMonotonicInsideImage) {
 TEST(CameraPlausibility, ReportsFileInWarning) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "camera.yaml";
-  CameraParameters p = usual();
+  CameraParameters p = typical_camera();
   p.cx = 959.5;
   ASSERT_TRUE(save_camera(file, CameraModel::make(p).value()));
   const auto loaded = load_camera_file(file);

@@ -202,7 +202,7 @@ TEST(Evaluation, MatchesIndependentCalculation) {
   EXPECT_NEAR(e.rotation_deg.rmse, 0.023888263930, 1e-9);
 }
 
-TEST(Evaluation, MeasuresWholeRotationAngle) {
+TEST(Evaluation, MeasuresRotationForEitherQuaternionSign) {
   Trajectory truth;
   Trajectory estimated;
   truth.poses.push_back({0, above(0, 0, 1.0), {}});

@@ -99,7 +99,7 @@ TEST_F(SampleDepthTest, FollowsChunkWhenValuesFit) {
   EXPECT_EQ(found().bits, 16) << "a dark image with scaled values";
 }
 
-TEST_F(SampleDepthTest, IgnoresOtherFiles) {
+TEST_F(SampleDepthTest, IgnoresUnreadableFiles) {
   EXPECT_EQ(found().bits, 16) << "without image files the depth is 16";
   add({});
   std::vector<std::uint8_t> damaged = png_of(ramp(300));

@@ -364,9 +364,9 @@ TEST(Compositor, ReportsDriverErrorInSameFrame) {
 }
 
 PFNGLGETERRORPROC driver_get_error = nullptr;
-GLenum noted_always = GL_NO_ERROR;
+GLenum simulated_error = GL_NO_ERROR;
 GLenum get_error() {
-  return noted_always == GL_NO_ERROR ? driver_get_error() : noted_always;
+  return simulated_error == GL_NO_ERROR ? driver_get_error() : simulated_error;
 }
 
 // Simulates a driver that reports a reset at every query, and a driver that is out of memory.
@@ -380,10 +380,10 @@ TEST(Compositor, ReportsLostContextInOneLine) {
   epoxy_glGetError = get_error;
   for (const auto& [error, what] :
        {std::pair(GL_CONTEXT_LOST, "was reset"), std::pair(GL_OUT_OF_MEMORY, "out of memory")}) {
-    noted_always = static_cast<GLenum>(error);
+    simulated_error = static_cast<GLenum>(error);
     const auto drawn = studio.compositor().draw(frame, FramePlan());
     const auto read = studio.compositor().read_back(rgba);
-    noted_always = GL_NO_ERROR;
+    simulated_error = GL_NO_ERROR;
     for (const auto& result : {drawn, read}) {
       ASSERT_FALSE(result);
       EXPECT_THAT(result.error().message, testing::HasSubstr(what));

@@ -138,7 +138,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
   file.json["accessors"][1].erase("bufferView");
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;
-    ModelReading reading;
+    ModelLoadOptions reading;
     reading.limits.max_vertices = 40;
     return load_model(write("model.gltf", file.gltf()), reading);
   };
@@ -333,7 +333,7 @@ TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
   file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
       file.accessor(translations, "VEC3");
   const auto limited = [&](std::size_t vertices) {
-    ModelReading reading;
+    ModelLoadOptions reading;
     reading.limits.max_vertices = vertices;
     return load_model(write("model.gltf", file.gltf()), reading);
   };

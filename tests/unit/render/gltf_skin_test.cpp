@@ -116,7 +116,7 @@ TEST_F(GltfSkin, FollowsSkinOfEachNodeOfSharedMesh) {
   EXPECT_EQ(model->meshes[0].positions[8].x, 0.0F);
 }
 
-TEST_F(GltfSkin, KeepsOutsideOfMirroredArmature) {
+TEST_F(GltfSkin, KeepsFrontFacesOfMirroredArmature) {
   GltfBuilder file = skinned_square(kNoFields, {{"scale", {-1, 1, 1}}});
   file.primitive()["attributes"]["NORMAL"] =
       file.accessor(std::vector<float>{0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0}, "VEC3");

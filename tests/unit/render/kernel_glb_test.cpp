@@ -109,7 +109,7 @@ void expect_kernels_as_made(const Model& model, double tolerance_m = 1e-6) {
 }
 
 // Stores a glTF file's kernels as .json and in `glb`, and expects that both load unchanged.
-void expect_both_forms(const fs::path& file, const fs::path& glb) {
+void expect_equal_kernels_in_glb_and_json(const fs::path& file, const fs::path& glb) {
   const Result<Model> model = load_model(file);
   ASSERT_TRUE(model) << model.error().message;
   const KernelFile kernels = kernels_of(*model);
@@ -153,7 +153,7 @@ TEST_F(KernelGlb, StoresSeparateKernelsForCopiesOfMesh) {
     {"mesh": 0, "translation": [0, 0, 0.5], "scale": [-1, 1, 1.5]}])");
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 3]}])");
   const fs::path glb = folder() / "kept.glb";
-  expect_both_forms(maker.write(folder()), glb);
+  expect_equal_kernels_in_glb_and_json(maker.write(folder()), glb);
   const Json json = json_of(glb);
   ASSERT_EQ(json["meshes"].size(), 4U);
   EXPECT_EQ(json["meshes"][2]["primitives"][0]["attributes"]["POSITION"],
@@ -162,7 +162,7 @@ TEST_F(KernelGlb, StoresSeparateKernelsForCopiesOfMesh) {
             json["meshes"][0]["primitives"][0]["attributes"]["_SHADOW_KERNEL"]);
   // Storing kernels again must replace the old ones.
   const std::uintmax_t size = fs::file_size(glb);
-  expect_both_forms(glb, folder() / "again.glb");
+  expect_equal_kernels_in_glb_and_json(glb, folder() / "again.glb");
   EXPECT_EQ(fs::file_size(folder() / "again.glb"), size);
 }
 
@@ -182,7 +182,7 @@ TEST_F(KernelGlb, ConvertsInstancesToNodesWithSeparateKernels) {
   maker.json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
   const fs::path glb = folder() / "kept.glb";
-  expect_both_forms(maker.write(folder()), glb);
+  expect_equal_kernels_in_glb_and_json(maker.write(folder()), glb);
   const Json json = json_of(glb);
   EXPECT_EQ(json["meshes"].size(), 4U);
   EXPECT_FALSE(json.contains("extensionsUsed"));
@@ -207,7 +207,7 @@ TEST_F(KernelGlb, StoresKernelsOfSkinnedMeshInItsAxes) {
     {"translation": [0.1, 0.2, 0], "rotation": [0.3826834, 0, 0, 0.9238795], "children": [2]},
     {"scale": [1.5, 1, 0.5], "translation": [0, 0.05, 0]}])");
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 1]}])");
-  expect_both_forms(maker.write(folder()), folder() / "kept.glb");
+  expect_equal_kernels_in_glb_and_json(maker.write(folder()), folder() / "kept.glb");
 }
 
 TEST_F(KernelGlb, KeepsMeshOfHiddenNodes) {
@@ -225,9 +225,9 @@ TEST_F(KernelGlb, KeepsMeshOfHiddenNodes) {
     }
     maker.json["nodes"] = Json::parse(nodes);
     maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 1, 2]}])");
-    expect_both_forms(maker.write(folder()), folder() / "kept.glb");
+    expect_equal_kernels_in_glb_and_json(maker.write(folder()), folder() / "kept.glb");
     // In the stored file, the hidden nodes' meshes have kernels that belong to other nodes.
-    expect_both_forms(folder() / "kept.glb", folder() / "again.glb");
+    expect_equal_kernels_in_glb_and_json(folder() / "kept.glb", folder() / "again.glb");
   }
 }
 
@@ -268,7 +268,7 @@ TEST_F(KernelGlb, AllowsMissingUnusedBuffers) {
     json["buffers"].insert(is_first ? json["buffers"].begin() : json["buffers"].end(), missing);
     for (Json& view : json["bufferViews"]) view["buffer"] = is_first ? 1 : 0;
     std::ofstream(file) << json.dump();
-    expect_both_forms(file, folder() / "kept.glb");
+    expect_equal_kernels_in_glb_and_json(file, folder() / "kept.glb");
   }
 }
 
@@ -305,7 +305,7 @@ TEST_F(KernelGlb, EmbedsImagesBesideModel) {
   const fs::path file = maker.write(folder());
   fs::create_directory(folder() / "elsewhere");
   const fs::path glb = folder() / "elsewhere" / "kept.glb";
-  expect_both_forms(file, glb);
+  expect_equal_kernels_in_glb_and_json(file, glb);
   const Result<Model> model = load_model(glb);
   ASSERT_TRUE(model);
   EXPECT_THAT(model->warnings, IsEmpty());
@@ -409,7 +409,7 @@ TEST_F(KernelGlb, WritesModelsWithHiddenNodesAndUnusedBuffers) {
        {"gltf-hidden-node/scale0_all.gltf", "gltf-hidden-node/scale0_two_axes.gltf",
         "gltf-data-uri-forms/unused-buffer-4GB-without-uri.gltf"}) {
     SCOPED_TRACE(file);
-    expect_both_forms(cases / file, folder() / "kept.glb");
+    expect_equal_kernels_in_glb_and_json(cases / file, folder() / "kept.glb");
   }
 }
 

@@ -56,7 +56,7 @@ Frame rgb_frame(Reflectance scene, const Color& light, std::int64_t time_ns = 0,
   return buffer.frame;
 }
 
-double worst_ratio(const Color& a, const Color& b) {
+double max_log_ratio(const Color& a, const Color& b) {
   return (a.array() / b.array()).log().abs().maxCoeff();
 }
 
@@ -65,7 +65,7 @@ TEST(LightMeter, MeasuresLightOnDesk) {
                              Color(0.9, 0.7, 0.45), Color(0.3, 0.4, 0.6)}) {
     for (const Reflectance scene : {&desk, &desk_with_lamp}) {
       const VideoLight found = measure_light(rgb_frame(scene, light), std::nullopt);
-      EXPECT_LT(worst_ratio(found.on_table, light), 0.06) << light.transpose();
+      EXPECT_LT(max_log_ratio(found.on_table, light), 0.06) << light.transpose();
       EXPECT_LT(found.around.maxCoeff(), light.maxCoeff()) << light.transpose();
     }
   }
@@ -75,7 +75,7 @@ TEST(LightMeter, MeasuresLightOnDesk) {
 TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   const auto wood = [](int, int) { return Color(0.2, 0.15, 0.1); };
   const VideoLight found = measure_light(rgb_frame(wood, Color::Ones()), std::nullopt);
-  EXPECT_LT(worst_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
+  EXPECT_LT(max_log_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
 }
 
 // The frame has the same YUV values in every pixel format of a camera.
@@ -165,7 +165,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
     meter.measure(rgb_frame(desk, bright, now));
   }
   now += kFrame_ns;
-  EXPECT_LT(worst_ratio(meter.measure(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
+  EXPECT_LT(max_log_ratio(meter.measure(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
 }
 
 // Drawing a frame again during a pause changes no value. A step back in time restarts the filter.

@@ -48,17 +48,18 @@ TEST(MarkedVertices, AreLimitedInNumberAndUseModelColours) {
   EXPECT_TRUE(marked_vertices(Model(), 5).empty());
 }
 
-const std::vector<MarkedVertex> kOne = {{{0.1, 0.0, 0.2}, glm::vec3(1.0F)}};
+const std::vector<MarkedVertex> kOneVertex = {{{0.1, 0.0, 0.2}, glm::vec3(1.0F)}};
 
 TEST(LightRays, PassThroughVertexToItsShadow) {
-  const auto from_point_light = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
+  const auto from_point_light =
+      light_rays(kOneVertex, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
   ASSERT_EQ(from_point_light.size(), 1U);
   EXPECT_EQ(from_point_light[0].from, Eigen::Vector3d(0.0, 0.0, 0.6));
-  EXPECT_EQ(from_point_light[0].vertex, kOne[0].position);
+  EXPECT_EQ(from_point_light[0].vertex, kOneVertex[0].position);
   EXPECT_LT((from_point_light[0].shadow - Eigen::Vector3d(0.15, 0.0, 0.0)).norm(), 1e-12);
 
   const auto from_parallel_light =
-      light_rays(kOne, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
+      light_rays(kOneVertex, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
   ASSERT_EQ(from_parallel_light.size(), 1U);
   EXPECT_LT((from_parallel_light[0].shadow - Eigen::Vector3d(-0.1, 0.1, 0.0)).norm(), 1e-12);
   const Eigen::Vector3d to_light =
@@ -66,24 +67,24 @@ TEST(LightRays, PassThroughVertexToItsShadow) {
   EXPECT_LT((to_light - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
 }
 
-TEST(LightRays, EndAtFirstPlaneTheyMeet) {
+TEST(LightRays, EndOnNearestPlaneOfSeveral) {
   const RayReceiver wall{PlaneFrame::make({-1.0, 0.0, 0.0}, {0.12, 0.0, 0.0}), {}};
   const std::vector<RayReceiver> planes = {kTable, wall};
-  const auto rays = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, planes);
+  const auto rays = light_rays(kOneVertex, Placement(), {0.0, 0.0, 0.6, 1.0}, planes);
   ASSERT_EQ(rays.size(), 1U);
   EXPECT_NEAR(rays[0].shadow.x(), 0.12, 1e-12);
   EXPECT_NEAR(rays[0].shadow.z(), 0.6 - 0.4 * 1.2, 1e-12);
   // A ray that misses the wall's outline continues to the table.
   const std::vector<Eigen::Vector2d> small = {{0.5, 0.5}, {0.6, 0.5}, {0.6, 0.6}};
   const std::vector<RayReceiver> with_small_wall = {kTable, {wall.frame, small}};
-  const auto missing = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_small_wall);
+  const auto missing = light_rays(kOneVertex, Placement(), {0.0, 0.0, 0.6, 1.0}, with_small_wall);
   ASSERT_EQ(missing.size(), 1U);
   EXPECT_NEAR(missing[0].shadow.z(), 0.0, 1e-12);
 }
 
 TEST(LightRays, AreOmittedWhereNoShadowIsCast) {
   const auto ray_count = [&](double z, const Eigen::Vector4d& light) {
-    return light_rays(kOne, test::at(0.0, 0.0, z), light, {{kTable}}).size();
+    return light_rays(kOneVertex, test::at(0.0, 0.0, z), light, {{kTable}}).size();
   };
   EXPECT_EQ(ray_count(0.0, {0.0, 0.0, 0.6, 1.0}), 1U);
   EXPECT_EQ(ray_count(0.5, {0.0, 0.0, 0.6, 1.0}), 0U) << "above the light: an antishadow";

@@ -294,7 +294,7 @@ TEST_F(ModelFile, ColoursFacesByObjMaterials) {
   EXPECT_EQ(model->materials[0].emissive.b, 1.0F);
 }
 
-TEST_F(ModelFile, RejectsOtherFiles) {
+TEST_F(ModelFile, RejectsMissingEmptyAndUnsupportedFiles) {
   EXPECT_THAT(error_of(load_model(folder_.path() / "no.glb")), HasSubstr("no.glb"));
   EXPECT_THAT(error_of(load_model(write("a.ply", "ply"))), HasSubstr("give a .glb, .gltf or .obj"));
   EXPECT_THAT(error_of(load_model(write("a.glb", ""))), HasSubstr("is empty"));

@@ -44,7 +44,7 @@ void save_for_inspection(const test::RenderedImage& image, const std::string& na
                        image.rgba));
 }
 
-TEST(Multisampling, DefaultsByRenderer) {
+TEST(Multisampling, DefaultsToNoSamplesOnSoftwareRenderer) {
   EXPECT_EQ(multisampling_for(true, 8), 0);
   EXPECT_EQ(multisampling_for(false, 8), 4);
   EXPECT_EQ(multisampling_for(false, 2), 2);

@@ -210,7 +210,7 @@ TEST_F(ObjModelFile, ResolvesMaterialFileNames) {
   }
 }
 
-TEST_F(ObjModelFile, FindsMaterialFileOutsideFolderBesideModel) {
+TEST_F(ObjModelFile, UsesMaterialFileBesideModelWhenPathLeavesFolder) {
   for (const std::string name : {"../red.mtl", "C:\\models\\red.mtl", "/models/red.mtl"}) {
     std::filesystem::remove(folder_.path() / "red.mtl");
     Result<Model> model = folder_.obj("mtllib " + name + "\n" + kCorners + kRedSquare);
@@ -277,7 +277,7 @@ TEST_F(ObjModelFile, ResolvesImageNames) {
   EXPECT_THAT(warning, HasSubstr("is outside the model's folder"));
 }
 
-TEST_F(ObjModelFile, RejectsMissingVertex) {
+TEST_F(ObjModelFile, RejectsFaceWithInvalidCorner) {
   for (const std::string face : {"f 1 2 5", "f 1 2 0", "f 1 2 -5", "f 1 2 x", "f 1 2 3/1/1/1"}) {
     const Result<Model> model = folder_.obj(kCorners + face + "\n");
     ASSERT_FALSE(model) << face;

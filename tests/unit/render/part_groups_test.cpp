@@ -127,7 +127,7 @@ TEST(PartGroups, ContainPartsMatchedByName) {
   EXPECT_EQ(grouped.positions, ungrouped.positions);
 }
 
-TEST(PartGroups, ListKnownNamesForUnknownOne) {
+TEST(PartGroups, ListKnownNamesForUnknownName) {
   const Model model = brick_wall();
   EXPECT_TRUE(check_groups(model, std::vector<std::string>{"all", "wall", "b*"}));
   const auto checked = check_groups(model, std::vector<std::string>{"wall", "tower"});

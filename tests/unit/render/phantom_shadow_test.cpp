@@ -1063,7 +1063,7 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
 
 // Casters are tilted, clipped at the umbra height and below the light, and consist of several
 // parts. Skipping layers must not remove a visible pixel of the shadow.
-TEST(PhantomShadow, MatchesPlaneShadowOnObjectTopAtRandomHeight) {
+TEST(PhantomShadow, MatchesPlaneShadowOnPhantomTopAtRandomHeight) {
   std::mt19937 random(11);
   const auto uniform = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -1305,7 +1305,7 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
     options.skip = skip;
     options.layers = LayerDrawing::mask;
     const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
-    EXPECT_EQ(plan.meeting_pairs, 1U);
+    EXPECT_EQ(plan.caster_receiver_pairs, 1U);
     const RenderedImage image = studio.draw(white(), plan);
     EXPECT_GT(studio.stats()[Counter::masks_drawn], 0);
     return image;

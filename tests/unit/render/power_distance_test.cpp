@@ -187,7 +187,7 @@ TEST(PowerDistance, JoinsLayersAtContactAndLosesUmbraWithHeight) {
 
 // A body that extends below the plane has no face in the plane, but its umbra must have no hole
 // there. An open surface has no interior to fill.
-TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
+TEST(PowerDistance, FillsUmbraOfBodyThatExtendsBelowPlane) {
   const LayeredConstants constants;
   const auto umbra = [&](const ShadowMesh& mesh, double z, double tilt) {
     const ShadowField field = field_of(

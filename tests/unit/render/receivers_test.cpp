@@ -121,14 +121,13 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   const CameraModel camera = GetParam() ? distorted_camera() : undistorted_camera();
   Studio studio(room().build(), camera);
   const FramePlan plan = studio.plan(slanted());
-  EXPECT_EQ(plan.receivers.shadow_pixels(), 3U);
+  EXPECT_EQ(plan.receivers.size(), 3U);
   const RenderedImage image = studio.draw_shadows(white(), plan);
   // Each pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
   std::vector<int> shadow_pixels(3);
   std::vector<SimpleShadow> shadows;
-  for (std::size_t i = 0; i < shadow_pixels.shadow_pixels(); ++i)
-    shadows.emplace_back(studio.scene(), i);
+  for (std::size_t i = 0; i < shadow_pixels.size(); ++i) shadows.emplace_back(studio.scene(), i);
   Scene table = studio.scene();
   table.planes.resize(1);
   int differing = 0;
@@ -147,8 +146,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
       }
     }
   }
-  for (std::size_t i = 0; i < shadow_pixels.shadow_pixels(); ++i)
-    EXPECT_GT(shadow_pixels[i], 500) << i;
+  for (std::size_t i = 0; i < shadow_pixels.size(); ++i) EXPECT_GT(shadow_pixels[i], 500) << i;
   EXPECT_GT(hidden, 300) << "the wall must hide a part of the table's shadow";
   EXPECT_LE(differing, 90) << "pixels away from edges differ";
 }

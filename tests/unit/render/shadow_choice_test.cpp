@@ -77,7 +77,8 @@ TEST(LayerDrawingChoice, IgnoresCulledShadows) {
 // that height by a hundredth of a millimetre; no mask may be redrawn. `drawn_at` returns the frame
 // drawn at a height and the number of masks drawn for it. Returns the lower height and its frame.
 template <typename DrawnAt>
-std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, double low) {
+std::pair<double, RenderedImage> expect_reuse_during_jitter(const DrawnAt& drawn_at, double high,
+                                                            double low) {
   constexpr double kStep = 1e-5;
   static_cast<void>(drawn_at(high));
   while (high - low > kStep) {
@@ -107,7 +108,7 @@ TEST(ShadowMasks, AreReusedOnPlanesDuringCameraJitter) {
         studio.stats()[Counter::layer_masks_drawn] + studio.stats()[Counter::layer_masks_kept], 1);
     return std::pair(image, studio.stats()[Counter::layer_masks_drawn]);
   };
-  const auto [low, below] = tremble(drawn_at, 0.8, 0.4);
+  const auto [low, below] = expect_reuse_during_jitter(drawn_at, 0.8, 0.4);
   Studio other(block_and(SecondBlock::none).build(), test::camera_of(kSide, kSide, 220.0));
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
@@ -117,7 +118,7 @@ TEST(ShadowMasks, AreReusedOnReceiversDuringCameraJitter) {
   builder.add(block(0.05), test::at(0, 0, 0.15));
   builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
-  tremble(
+  expect_reuse_during_jitter(
       [&](double height) {
         const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
         EXPECT_GT(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
@@ -197,7 +198,8 @@ TEST(ShadowBrightness, FollowsCameraResponse) {
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         if (c.phantom && is_edge(x, y)) continue;
-        const double light_left = std::pow(images[0].red(x, y) / double{kGrey}, kUsualToneExponent);
+        const double light_left =
+            std::pow(images[0].red(x, y) / double{kGrey}, kDefaultToneExponent);
         ASSERT_NEAR(images[1].red(x, y), light_left * kGrey, 2.6) << x << ", " << y;
         dark += images[1].red(x, y) < kGrey - 20 ? 1 : 0;
       }
@@ -221,7 +223,7 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
   above.place = {0.1, 0.0, 2.0, 1.0};
   PlacedLight sideways;
   sideways.place = {1.0, 0.0, 0.0, 0.0};
-  for (const double weak : {0.0, 0.2, Scene::kUsualAmbient}) {
+  for (const double weak : {0.0, 0.2, Scene::kBrightRoomAmbient}) {
     EXPECT_EQ(lifted(weak, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(weak, {above}).penumbra, given.penumbra);
   }

@@ -28,10 +28,10 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-struct WholePoint {
+struct IntegerPoint {
   std::int64_t x = 0, y = 0;
 };
-std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
+std::int64_t twice_area(const std::array<IntegerPoint, 3>& p) {
   return (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[1].y - p[0].y) * (p[2].x - p[0].x);
 }
 
@@ -48,16 +48,16 @@ TEST(TwistReport, MatchesExactIntegerAreas) {
   std::size_t all_ambiguous = 0;
   std::size_t only_between = 0;  // twisted, but at neither end of the range of factors
   for (int set = 0; set < 10; ++set) {
-    std::vector<WholePoint> x(40);
-    std::vector<WholePoint> k(40);
+    std::vector<IntegerPoint> x(40);
+    std::vector<IntegerPoint> k(40);
     std::vector<CasterVertex> vertices;
     for (std::size_t i = 0; i < x.size(); ++i) {
       x[i] = {coordinate(random), coordinate(random)};
       // Kernels: a quarter at random positions, a quarter shared with the previous vertex, half
       // near the vertex.
-      k[i] = i % 4 == 0   ? WholePoint{coordinate(random) / 4, coordinate(random) / 4}
+      k[i] = i % 4 == 0   ? IntegerPoint{coordinate(random) / 4, coordinate(random) / 4}
              : i % 4 == 1 ? k[i - 1]
-                          : WholePoint{x[i].x + offset(random), x[i].y + offset(random)};
+                          : IntegerPoint{x[i].x + offset(random), x[i].y + offset(random)};
       constexpr float kUnit = 1.0F / 1024.0F;  // multiples of it are exact in float
       vertices.push_back({static_cast<float>(x[i].x) * kUnit, static_cast<float>(x[i].y) * kUnit,
                           0.1F, static_cast<float>(k[i].x) * kUnit,
@@ -73,10 +73,10 @@ TEST(TwistReport, MatchesExactIntegerAreas) {
     double tested_area = 0.0;
     for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
       const auto image = [&](std::int64_t step) {
-        std::array<WholePoint, 3> p;
+        std::array<IntegerPoint, 3> p;
         for (std::size_t corner = 0; corner < 3; ++corner) {
-          const WholePoint& from = k[indices[i + corner]];
-          const WholePoint& to = x[indices[i + corner]];
+          const IntegerPoint& from = k[indices[i + corner]];
+          const IntegerPoint& to = x[indices[i + corner]];
           p[corner] = {kSteps * from.x + step * (to.x - from.x),
                        kSteps * from.y + step * (to.y - from.y)};
         }
@@ -362,10 +362,9 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
       // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the difference
       // between discs that count as equal. The layer moves by `height_fraction` of this sum. A
       // polygon approximates the outline.
-      const double cells =
-          std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
-                     static_cast<double>(tuning.least_side_cells),
-                     static_cast<double>(tuning.most_side_cells));
+      const double cells = std::clamp(
+          tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
+          static_cast<double>(tuning.min_side_cells), static_cast<double>(tuning.max_side_cells));
       const double cell = long_side / cells;
       const double tolerance =
           height_fraction * (std::numbers::sqrt2 * cell +

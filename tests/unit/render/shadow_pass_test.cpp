@@ -100,7 +100,7 @@ Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bo
   return drawn;
 }
 
-int differing(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
+int count_differing(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
   int count = 0;
   for (std::size_t i = 0; i < a.size(); ++i) count += a[i] != b[i] ? 1 : 0;
   return count;
@@ -275,7 +275,7 @@ TEST(ShadowPass, MatchesProjectionOnCpu) {
       const std::vector<std::uint8_t> expected = cpu_layer(studio.scene(), layer);
       const auto size = std::count(expected.begin(), expected.end(), 1);
       // Only pixel centres on an edge may differ, because of rounding to 1/256 px and to float.
-      EXPECT_LE(differing(drawn.pixels, expected), 2 + size / 400)
+      EXPECT_LE(count_differing(drawn.pixels, expected), 2 + size / 400)
           << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
       EXPECT_GT(size, 100) << c.name;
     }
@@ -324,11 +324,11 @@ TEST(ShadowPass, MatchesProjectionOnCpuForFixedLight) {
       const Layer drawn = draw_layer(studio, overhead(), layer);
       const std::vector<std::uint8_t> expected = cpu_light_layer(studio.scene(), layer);
       const auto size = std::count(expected.begin(), expected.end(), 1);
-      EXPECT_LE(differing(drawn.pixels, expected), 4 + size / 100)
+      EXPECT_LE(count_differing(drawn.pixels, expected), 4 + size / 100)
           << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
       EXPECT_GT(size, 100) << c.name;
       EXPECT_EQ(draw_layer(studio, overhead(), layer, false).pixels, drawn.pixels) << c.name;
-      changed += differing(drawn.pixels, draw_layer(proportional, overhead(), layer).pixels);
+      changed += count_differing(drawn.pixels, draw_layer(proportional, overhead(), layer).pixels);
     }
     EXPECT_GT(changed, 100) << c.name << ": the shadow must differ from a proportional light's";
   }
@@ -421,7 +421,7 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
         EXPECT_GT(expected.size, 100) << what;
         // Edges lie within 0.15 px of their exact position, so pixels that close to an edge may
         // differ.
-        EXPECT_LE(differing(drawn.pixels, expected.pixels), 4 + 0.15 * expected.border)
+        EXPECT_LE(count_differing(drawn.pixels, expected.pixels), 4 + 0.15 * expected.border)
             << what << ", " << expected.size << " px";
         EXPECT_EQ(draw_layer(studio, pose, layer, false).pixels, drawn.pixels) << what;
       }

@@ -90,8 +90,8 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
     // A comparison that stops early reaches the same decision.
     EXPECT_EQ(
         compare_with_proxy(full, kernels, {}, *proxy, {kLight, LightMode::proportional, 1.0}, false)
-            .kept(),
-        found.kept());
+            .is_sufficient(),
+        found.is_sufficient());
   }
 }
 
@@ -105,7 +105,7 @@ TEST(ShadowProxy, AgreesWithItselfButNotWithFilledHole) {
   for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
     const ProxyAgreement found =
         compare_with_proxy(ring, kernels, discs, same, {kLight, mode, 1.0}, true);
-    EXPECT_EQ(found.least(), 1.0) << name_of(kLightModeNames, mode);
+    EXPECT_EQ(found.min_iou(), 1.0) << name_of(kLightModeNames, mode);
   }
   // The proxy fills the hole of the ring.
   ShadowProxy filled = same;
@@ -118,7 +118,7 @@ TEST(ShadowProxy, AgreesWithItselfButNotWithFilledHole) {
   }
   EXPECT_FALSE(
       compare_with_proxy(ring, kernels, discs, filled, {kLight, LightMode::proportional, 1.0}, true)
-          .kept());
+          .is_sufficient());
 }
 
 TEST(ShadowProxy, CarriesKernelsFromNearestVertex) {

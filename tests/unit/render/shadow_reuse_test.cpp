@@ -222,7 +222,7 @@ std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = ""
   return std::make_shared<const Model>(std::move(model));
 }
 
-TEST(StoredKernels, ServeTiltsUpToTwoDegrees) {
+TEST(StoredKernels, AreUsedForTiltsBelowTwoDegrees) {
   const auto model = l_with_stored_kernels();
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d axis(std::cos(0.75 * i), std::sin(0.75 * i), 0.0);
@@ -236,7 +236,7 @@ TEST(StoredKernels, ServeTiltsUpToTwoDegrees) {
   }
 }
 
-TEST(StoredKernels, RequireThicknessForFixedLight) {
+TEST(StoredKernels, AreUsedForFixedLightUnlessCentroid) {
   const Placement placement = test::at(0.0, 0.0, 0.05);
   for (const auto& [stamp, serves] :
        {std::pair<std::string, bool>{"g-p-cocl", false}, {"g-p-auto", true}, {"", true}}) {
@@ -252,7 +252,7 @@ TEST(StoredKernels, RequireThicknessForFixedLight) {
   }
 }
 
-TEST(StoredKernels, KeepTheirKindForOtherTilts) {
+TEST(StoredKernels, SelectSameGeneratorForOtherTilts) {
   const Placement tilted = turned(test::at(0.0, 0.0, 0.08), {1, 0, 0}, 20.0 * kDegree);
   const auto draw = [&](std::shared_ptr<const Model> model, KernelSource source) {
     Stage stage(ShadowTechnique::layered, std::move(model), tilted, LightMode::proportional,

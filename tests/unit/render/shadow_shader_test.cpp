@@ -33,9 +33,9 @@ struct Vertex {
 };
 
 // Runs shadow.vert.glsl with a lens function that outputs the position on the plane.
-class PlaceReader {
+class PositionReader {
  public:
-  explicit PlaceReader(GlApi api) {
+  explicit PositionReader(GlApi api) {
     auto context = create_offscreen_context(api);
     if (!context) throw std::runtime_error(context.error().message);
     context_ = std::move(*context);
@@ -72,9 +72,9 @@ class PlaceReader {
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, pixel_);
   }
-  PlaceReader(const PlaceReader&) = delete;
-  PlaceReader& operator=(const PlaceReader&) = delete;
-  ~PlaceReader() {
+  PositionReader(const PositionReader&) = delete;
+  PositionReader& operator=(const PositionReader&) = delete;
+  ~PositionReader() {
     glDeleteFramebuffers(1, &framebuffer_);
     glDeleteRenderbuffers(1, &pixel_);
     glDeleteBuffers(1, &output_);
@@ -157,7 +157,7 @@ double bound_of(double exact, double H, double h) {
 
 TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
-  PlaceReader reader(GetParam());
+  PositionReader reader(GetParam());
   const nlohmann::json json = test::read_json(test::shared_dir() / "vectors" / "factors.json");
   ASSERT_GT(json.at("cases").size(), 0U);
   for (const auto& entry : json.at("cases")) {
@@ -181,7 +181,7 @@ TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
 // Computes exact factors in long double for lights that are near, far and at the zenith. The
 // heights are in each layer's range and close to its lower and upper end.
 TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
-  PlaceReader reader(GetParam());
+  PositionReader reader(GetParam());
   std::mt19937 random(11);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   const auto in_float = [](double value) { return static_cast<double>(static_cast<float>(value)); };
@@ -229,7 +229,7 @@ TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
 // At the plane, the middle layer and the penumbra equal the vertex exactly, and the umbra equals it
 // up to rounding. At the umbra height, the umbra equals the kernel exactly.
 TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
-  PlaceReader reader(GetParam());
+  PositionReader reader(GetParam());
   const double inf = std::numeric_limits<double>::infinity();
   for (const LayeredConstants& constants : {make_layered_constants(0.9, 3.0, 0.0).value(),
                                             make_layered_constants(1.1, 1.7, 0.0).value(),

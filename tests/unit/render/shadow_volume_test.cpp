@@ -52,7 +52,7 @@ ShadowMesh mesh_of(ShapeBuilder shape) {
 const PlaneFrame kTable;
 
 // Returns a frame of the scene as seen from the right and above.
-std::vector<std::uint8_t> picture_of(const SceneBuilder& builder) {
+std::vector<std::uint8_t> draw_view(const SceneBuilder& builder) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
   const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
   return studio.draw(white(), studio.plan(pose)).rgba;
@@ -568,11 +568,11 @@ TEST(ShadowVolume, StaysDarkForManyStackedParts) {
 TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
-  const auto once = picture_of(builder);
+  const auto once = draw_view(builder);
   ScenePlane& again = builder.scene().planes.emplace_back(builder.scene().planes[0]);
   again.name = "again";
   builder.scene().shadows[0].planes = {0, 1};
-  EXPECT_EQ(picture_of(builder), once);
+  EXPECT_EQ(draw_view(builder), once);
 }
 
 // A phantom on the plane blocks the light rays behind it, so the projected shadow must continue on
@@ -672,12 +672,12 @@ TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   builder.add(box(0.06, 0.1, 0.02), test::at(0.02, 0.01, 0.2));
   std::vector<ShadowNode>& nodes = builder.scene().shadows;
   nodes[0].casters = {0, 1};
-  const auto volumes = picture_of(builder);
+  const auto volumes = draw_view(builder);
   nodes.push_back(nodes[0]);
   nodes[0].casters = {0};
   nodes[1].casters = {1};
   nodes[1].technique = ShadowTechnique::hard;
-  EXPECT_EQ(picture_of(builder), volumes);
+  EXPECT_EQ(draw_view(builder), volumes);
 }
 
 // One light has a projected shadow, the other a shadow volume. A pixel in both shadows loses the
@@ -692,9 +692,9 @@ TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   nodes.push_back(nodes[0]);
   nodes[1].lights = {1};
   nodes[1].name = "other";
-  const auto volumes = picture_of(builder);
+  const auto volumes = draw_view(builder);
   nodes[1].technique = ShadowTechnique::hard;
-  EXPECT_EQ(picture_of(builder), volumes);
+  EXPECT_EQ(draw_view(builder), volumes);
 }
 
 // The plane hides a phantom below it. Pixels there are darkened only by the plane's shadow.
@@ -702,9 +702,9 @@ TEST(ShadowVolume, IgnoresPhantomsUnderPlane) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
-  const auto alone = picture_of(builder);
+  const auto alone = draw_view(builder);
   builder.add(box(0.3, 0.3, 0.02), test::at(0.0, 0.0, -0.015), false, true);
-  EXPECT_EQ(picture_of(builder), alone);
+  EXPECT_EQ(draw_view(builder), alone);
 }
 
 // Parts that do not overlap share a batch of stencil counting.
@@ -873,7 +873,7 @@ TEST(ShadowVolume, IsSkippedOutOfView) {
   EXPECT_GT(drawn, 20);
 }
 
-TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
+TEST(ShadowVolume, DrawsNothingWhenEverythingIsOutOfView) {
   SceneBuilder builder = with_light({3.1, 0.0, 0.6});
   builder.scene().shadows[0].light_rays = true;
   builder.add(box(0.1, 0.1, 0.1), test::at(3.0, 0.0, 0.1));

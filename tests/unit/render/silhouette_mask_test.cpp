@@ -341,7 +341,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
 }
 
 // Other casters and the origin of the mask must not change a caster's cells, bit for bit.
-TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
+TEST(SilhouetteMask, DrawsCasterIndependentlyOfOtherCasters) {
   const glm::vec3 light(0.4F, 0.6F, 0.9F);
   const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
   const Placed left = place(*box(), test::at(0.03, -0.2, 0.15, {0, 1, 0.2}, 0.4));
@@ -383,7 +383,7 @@ TEST(SilhouetteMask, KeepsDarkestLayer) {
   EXPECT_GT(compared, 1000);
 }
 
-TEST(SilhouetteMask, IsEmptyWithoutCasters) {
+TEST(SilhouetteMask, IsEmptyWithoutCastersAndEqualFarFromOrigin) {
   Placed none = place(*box(), test::at(0, 0, 0.1));
   MaskCaster caster;
   caster.project(none.mesh.positions, none.kernels, none.own, kConstants, {}, 0.001);
@@ -429,7 +429,7 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
     OwnFrame own;
     own.T_plane_own = PlanarMotion{std::cos(0.3 * i), std::sin(0.3 * i), {0.31 * i, -0.07 * i}};
     constexpr double kCell = 0.0011;
-    const auto picture_of = [&](bool by_outline) {
+    const auto mask_codes = [&](bool by_outline) {
       MaskCaster caster;
       caster.begin(own, kCell);
       for (const ShadowLayer layer : kShadowLayers) {
@@ -449,8 +449,8 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
       raster.finish({0.0F, 0.5F, 0.8F}, codes);
       return codes;
     };
-    const std::vector<std::uint8_t> outlined = picture_of(true);
-    const std::vector<std::uint8_t> faces = picture_of(false);
+    const std::vector<std::uint8_t> outlined = mask_codes(true);
+    const std::vector<std::uint8_t> faces = mask_codes(false);
     // In thin faces that fold over, rounding errors of the sums differ.
     ASSERT_EQ(outlined.size(), faces.size()) << i;
     for (std::size_t cell = 0; cell < faces.size(); ++cell)
@@ -507,8 +507,8 @@ struct Body {
 };
 using Cover = std::function<void(MaskRaster&)>;
 // Rasters `cells` and returns the coverage (0 to 255) of the cells in `part`.
-std::vector<std::uint8_t> shares_of(MaskRaster& raster, const Cover& cover, const MaskCells& cells,
-                                    const MaskCells& part) {
+std::vector<std::uint8_t> coverage_in(MaskRaster& raster, const Cover& cover,
+                                      const MaskCells& cells, const MaskCells& part) {
   std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
                                    static_cast<std::size_t>(part.height));
   raster.begin(cells);
@@ -544,8 +544,8 @@ TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
                      whole.v + whole_number(-8, whole.height + 4), side(whole.width + 8),
                      side(whole.height + 8)};
       if (i == 11) part = whole;
-      const auto expected = shares_of(of_whole, cover, whole, part);
-      ASSERT_EQ(shares_of(of_part, cover, part, part), expected)
+      const auto expected = coverage_in(of_whole, cover, whole, part);
+      ASSERT_EQ(coverage_in(of_part, cover, part, part), expected)
           << whole.width << " x " << whole.height << ": " << part.width << " x " << part.height
           << " at " << part.u - whole.u << ", " << part.v - whole.v;
       const bool dark =
@@ -630,7 +630,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d c = rounded(through + extent * across);
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
-      const auto shares = shares_of(raster, cover, cells, cells);
+      const auto shares = coverage_in(raster, cover, cells, cells);
       // Rounds a corner to float, as caster_of() does.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
@@ -666,7 +666,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
         }
       }
       const MaskCells part{kUnit, cells.u + trial, cells.v + trial % 7, 9, 21};
-      ASSERT_EQ(shares_of(raster, cover, part, part), shares_of(raster, cover, cells, part));
+      ASSERT_EQ(coverage_in(raster, cover, part, part), coverage_in(raster, cover, cells, part));
     }
   }
   EXPECT_GT(edges, 1000);
@@ -693,7 +693,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const MaskCells cells{kCell, -60, -50, 160, 100};
   const auto shares = [&](const Body& of) {
     MaskCaster caster = of.projected(kCell);
-    return shares_of(
+    return coverage_in(
         raster, [&](MaskRaster& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
   };
   const auto all = shares(body);
@@ -757,7 +757,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   MaskRaster raster;
   const auto check = [&](const Cover& many, const std::vector<std::uint8_t>& few,
                          const std::vector<std::uint8_t>& few_of_part) {
-    const auto shares = shares_of(raster, many, cells, cells);
+    const auto shares = coverage_in(raster, many, cells, cells);
     int full = 0;
     for (std::size_t i = 0; i < shares.size(); ++i) {
       ASSERT_GE(shares[i], few[i]) << i;
@@ -767,7 +767,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       full += few[i] == 255 ? 1 : 0;
     }
     EXPECT_GT(full, 600);
-    const auto shares_in_part = shares_of(raster, many, part, part);
+    const auto shares_in_part = coverage_in(raster, many, part, part);
     for (std::size_t i = 0; i < shares_in_part.size(); ++i)
       ASSERT_GE(shares_in_part[i], few_of_part[i]) << i;
   };
@@ -777,8 +777,8 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   for (const bool turn_some : {false, true}) {
     MaskCaster few = open(kFew, turn_some);
     const Cover cover_few = [&](MaskRaster& to) { to.cover(few, {}, {}); };
-    const auto shares = shares_of(raster, cover_few, cells, cells);
-    const auto of_part = shares_of(raster, cover_few, part, part);
+    const auto shares = coverage_in(raster, cover_few, cells, cells);
+    const auto of_part = coverage_in(raster, cover_few, part, part);
     for (const std::size_t count : many_of) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
@@ -792,7 +792,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       const auto taken = [&](MaskRaster& to) {
         for (int i = 0; i < 3; ++i) to.cover(cover);
       };
-      const auto of_taken = shares_of(raster, taken, cells, cells);
+      const auto of_taken = coverage_in(raster, taken, cells, cells);
       for (std::size_t i = 0; i < of_taken.size(); ++i) ASSERT_GE(of_taken[i], shares[i]) << i;
     }
   }
@@ -800,8 +800,8 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   MaskCaster few_projected = few.projected(kUnit);
   const auto few_edges = paired_edges(few.indices);
   const Cover cover_few = [&](MaskRaster& to) { to.cover(few_projected, few.indices, *few_edges); };
-  const auto shares = shares_of(raster, cover_few, cells, cells);
-  const auto of_part = shares_of(raster, cover_few, part, part);
+  const auto shares = coverage_in(raster, cover_few, cells, cells);
+  const auto of_part = coverage_in(raster, cover_few, part, part);
   for (const std::size_t count : many_of) {
     SCOPED_TRACE(count);
     const Body many = closed(count);
@@ -1055,7 +1055,7 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   EXPECT_EQ(draw(first).first, 1);
   EXPECT_EQ(draw(test::look_at({0.1, -0.451, 0.4}, {0.0, 0.01, 0.03})).first, 0);
   EXPECT_EQ(studio.stats()[Counter::layer_masks_kept], 1);
-  EXPECT_TRUE(std::ranges::any_of(studio.stats().kept, [](const KeptPart& part) {
+  EXPECT_TRUE(std::ranges::any_of(studio.stats().kept, [](const KeptResult& part) {
     return part.reason == KeepReason::layer_mask;
   }));
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
@@ -1109,7 +1109,7 @@ class MaskByFaces : public DrawnMask {
     }
     return test::finished(shape.build(), glm::vec4(0.5F));
   }
-  static std::shared_ptr<const Scene> in_one_light(const std::shared_ptr<const Scene>& scene) {
+  static std::shared_ptr<const Scene> with_fixed_light(const std::shared_ptr<const Scene>& scene) {
     Scene fixed = *scene;
     fixed.shadows[0].light_mode = LightMode::fixed;
     return std::make_shared<const Scene>(fixed);
@@ -1136,10 +1136,10 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
               {torus(), test::at(0.06, 0, kUmbraEnds, {1, 0, 0}, 0.4)}}),
        0.6},
       {"cut twice, open", scene({{open_torus(), test::at(0, 0, 0.0, {1, 0, 0}, 1.5, 5.0)}}), 0.4},
-      {"in a light of one size", in_one_light(scene({{table_and_ball(), test::at(0, 0, 0.08)}})),
-       0.4},
+      {"in a light of one size",
+       with_fixed_light(scene({{table_and_ball(), test::at(0, 0, 0.08)}})), 0.4},
       {"in a light of one size, cut",
-       in_one_light(scene({{table_and_ball(), test::at(0, 0, kUmbraEnds - 0.03, tilt, 0.4)}})),
+       with_fixed_light(scene({{table_and_ball(), test::at(0, 0, kUmbraEnds - 0.03, tilt, 0.4)}})),
        0.6},
   };
   for (const auto& c : cases) {

@@ -133,7 +133,7 @@ int black_pixels(const RenderedImage& image) {
   }
   return count;
 }
-bool all_black_of_are_black_in(const RenderedImage& lighter, const RenderedImage& darker) {
+bool black_pixels_are_subset(const RenderedImage& lighter, const RenderedImage& darker) {
   for (int y = 0; y < lighter.height; ++y) {
     for (int x = 0; x < lighter.width; ++x) {
       if (is_black(lighter, x, y) && !is_black(darker, x, y)) return false;
@@ -247,7 +247,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
     RenderedImage& image = layers[static_cast<std::size_t>(layer)];
     image = studio.draw_shadows(white(), alone);
     EXPECT_GT(black_pixels(image), 200);
-    EXPECT_TRUE(all_black_of_are_black_in(image, whole));
+    EXPECT_TRUE(black_pixels_are_subset(image, whole));
     for (std::size_t i = 0; i < together.rgba.size(); ++i)
       together.rgba[i] = std::min(together.rgba[i], image.rgba[i]);
   }

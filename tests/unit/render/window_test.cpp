@@ -15,7 +15,7 @@
 namespace {
 
 bool refuses_reset_notification = false;
-int robustness_asked_for = 0;
+int requested_robustness = 0;
 int windows_refused = 0;
 
 template <class Function>
@@ -27,12 +27,12 @@ Function* glfw_function(const char* name) {
 
 // Replaces GLFW's function to simulate a driver without reset notification.
 extern "C" void glfwWindowHint(int hint, int value) {
-  if (hint == GLFW_CONTEXT_ROBUSTNESS) robustness_asked_for = value;
+  if (hint == GLFW_CONTEXT_ROBUSTNESS) requested_robustness = value;
   glfw_function<decltype(glfwWindowHint)>("glfwWindowHint")(hint, value);
 }
 extern "C" GLFWwindow* glfwCreateWindow(int width, int height, const char* title,
                                         GLFWmonitor* monitor, GLFWwindow* share) {
-  if (refuses_reset_notification && robustness_asked_for == GLFW_LOSE_CONTEXT_ON_RESET) {
+  if (refuses_reset_notification && requested_robustness == GLFW_LOSE_CONTEXT_ON_RESET) {
     ++windows_refused;
     return nullptr;
   }
@@ -43,7 +43,7 @@ extern "C" GLFWwindow* glfwCreateWindow(int width, int height, const char* title
 namespace penumbra {
 namespace {
 
-TEST(Window, FailsInOneLineWithoutDisplay) {
+TEST(Window, ReportsOneLineErrorWithoutDisplay) {
   if (display_available()) GTEST_SKIP() << "a display is available";
   const auto window = create_window_context({});
   ASSERT_FALSE(window);
@@ -94,7 +94,7 @@ TEST(Window, ShowsFrameUprightAndLetterboxed) {
   }
 }
 
-TEST(Window, ShowsFrameWithoutResetNotification) {
+TEST(Window, ShowsFrameWhenDriverLacksResetNotification) {
   if (!display_available()) GTEST_SKIP() << "no display: DISPLAY and WAYLAND_DISPLAY are not set";
   WindowOptions options;
   options.vsync = false;

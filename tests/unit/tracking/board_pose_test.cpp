@@ -146,7 +146,7 @@ TEST_F(BoardPoseTest, IgnoresNonFiniteValues) {
   EXPECT_FALSE(estimate_board_pose(camera_, {}));
 }
 
-TEST_F(BoardPoseTest, DerivesNoPoseFromCollapsedCorners) {
+TEST_F(BoardPoseTest, ReportsLargeErrorOrNoPoseForCollapsedCorners) {
   auto seen = observe(camera_, truth_, sheet(), 0.0, random_);
   seen.resize(1);
   for (Eigen::Vector2d& corner : seen[0].corners_px) corner = Eigen::Vector2d(100.0, 100.0);

@@ -145,12 +145,12 @@ TEST(GroupTracker, TracksSlowMotionBelowNoise) {
 
 TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
   const Stage stage({wall(), block()});
-  std::vector<Frame> pictures;
+  std::vector<Frame> images;
   for (int f = 0; f < 6; ++f) {
     // The block is absent in some frames, so the tracker searches for it.
     Placements at;
     if (f >= 2 && f < 5) at["block"] = shifted(5.0, 0.0, 0.0);
-    pictures.push_back(stage.frame_image(f, at));
+    images.push_back(stage.frame_image(f, at));
   }
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
@@ -165,7 +165,7 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
                                     std::vector<std::string>{"block", "no such"})
                    .value();
     GroupTracker all = stage.tracker(options);
-    for (const Frame& frame_image : pictures) {
+    for (const Frame& frame_image : images) {
       const TrackedFrame a = alone.track(frame_image);
       const TrackedFrame b = none.track(frame_image);
       const TrackedFrame c = one.track(frame_image);
@@ -191,13 +191,13 @@ TEST(GroupTracker, ReportsInvisibleGroupLostWithFewSearches) {
   Stage stage({wall(), block()});
   std::vector<MappedTag> drawn = stage.tags;
   std::erase_if(drawn, [](const MappedTag& tag) { return tag.group == "block"; });
-  std::vector<Frame> pictures;
-  for (int f = 0; f < 8; ++f) pictures.push_back(stage.frame_image(f, {}, &drawn));
+  std::vector<Frame> images;
+  for (int f = 0; f < 8; ++f) images.push_back(stage.frame_image(f, {}, &drawn));
   GroupTracker tracker = stage.tracker();
   int detections = 0;
   constexpr std::size_t kFrames = 40;
   for (std::size_t f = 0; f < kFrames; ++f) {
-    const TrackedFrame tracked = tracker.track(pictures[f % 8]);
+    const TrackedFrame tracked = tracker.track(images[f % 8]);
     const GroupEstimate& estimate = group_named(tracked, "block");
     EXPECT_EQ(estimate.status, TrackStatus::lost);
     EXPECT_NE(estimate.reason.cause, PoseCause::none);
@@ -245,7 +245,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   bool found = false;
   for (int f = 20; f < 32 && !found; ++f, ++frames) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", returned}}));
-    const GroupEstimate& estimate = named(tracked, "wall");
+    const GroupEstimate& estimate = group_named(tracked, "wall");
     found = estimate.status == TrackStatus::tracked;
     if (found) {
       EXPECT_LT(stage.error_px(tracked, estimate, f, returned), 0.5);
@@ -310,7 +310,7 @@ TEST(GroupTracker, IsDeterministic) {
 // table is tracked in every frame.
 struct ArrivalScenario {
   Stage stage{{wall(), block()}};
-  std::vector<Frame> pictures;
+  std::vector<Frame> images;
   std::vector<Placements> truth;
 };
 constexpr int kArrives = 3;  // first frame with wall and block
@@ -324,9 +324,8 @@ ArrivalScenario arriving() {
         {{"wall", shifted(0.03, 0.05, 0.0)},
          {"block", Placement(turned(1.5 * f, {0.2, 0.4, 1.0}),
                              Eigen::Vector3d(-0.1 + 0.004 * f, 0.05 - 0.003 * f, 0.03))}});
-    arriving.pictures.push_back(f < kArrives
-                                    ? arriving.stage.frame_image(f, {}, &without)
-                                    : arriving.stage.frame_image(f, arriving.truth.back()));
+    arriving.images.push_back(f < kArrives ? arriving.stage.frame_image(f, {}, &without)
+                                           : arriving.stage.frame_image(f, arriving.truth.back()));
   }
   return arriving;
 }
@@ -347,7 +346,7 @@ Arrival arrive(const ArrivalScenario& arriving, const TrackerOptions& options,
                Duration patience = {}) {
   Arrival arrival;
   GroupTracker tracker = arriving.stage.tracker(options);
-  for (const Frame& frame_image : arriving.pictures) {
+  for (const Frame& frame_image : arriving.images) {
     arrival.frames.push_back(tracker.track(frame_image));
     std::this_thread::sleep_for(patience);
   }
@@ -360,7 +359,7 @@ Duration search_duration(const ArrivalScenario& arriving) {
   options.search_timing = SearchTiming::in_frame;
   GroupTracker tracker = arriving.stage.tracker(options);
   const auto begin = std::chrono::steady_clock::now();
-  static_cast<void>(tracker.track(arriving.pictures.front()));
+  static_cast<void>(tracker.track(arriving.images.front()));
   return std::chrono::steady_clock::now() - begin;
 }
 
@@ -460,17 +459,17 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
 // On a machine that takes seconds per frame, the view has changed when a background search ends.
 TEST(GroupTracker, FindsTableOnSlowMachine) {
   const Stage stage({wall()});
-  std::vector<Frame> pictures;
+  std::vector<Frame> images;
   for (int f = 0; f < 12; ++f) {
-    pictures.push_back(stage.frame_image(5 * f));
-    pictures.back().timestamp_ns = (1 + f) * std::int64_t{4'000'000'000};
+    images.push_back(stage.frame_image(5 * f));
+    images.back().timestamp_ns = (1 + f) * std::int64_t{4'000'000'000};
   }
   for (const SearchTiming timing : {SearchTiming::in_frame, SearchTiming::when_done}) {
     TrackerOptions options;
     options.search_timing = timing;
     GroupTracker tracker = stage.tracker(options);
     int tracked = 0;
-    for (const Frame& frame : pictures) {
+    for (const Frame& frame : images) {
       tracked += tracker.track(frame).pose.status == TrackStatus::tracked;
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
     }

@@ -89,10 +89,10 @@ TEST(ImageCheck, ChecksEveryRequestedImage) {
   const GreyImage plain = view_of(tags, 1);
   auto check = ImageCheck::create(TagMap::make(tags).value()).value();
   for (int i = 0; i < 3; ++i) {
-    EXPECT_EQ(check.look(mirrored(plain).view()), ImageFault::mirrored);
-    EXPECT_EQ(check.look(plain.view()), std::nullopt);
+    EXPECT_EQ(check.find_fault(mirrored(plain).view()), ImageFault::mirrored);
+    EXPECT_EQ(check.find_fault(plain.view()), std::nullopt);
   }
-  EXPECT_EQ(check.look({}), std::nullopt);
+  EXPECT_EQ(check.find_fault({}), std::nullopt);
 }
 
 TEST(ImageCheck, RecognisesMirroredAndNegativePhotographs) {

@@ -238,7 +238,7 @@ TEST(SimdLoops, EvaluateOfSeveralMomentsIsMeanOfEachMoment) {
 
 // With a correlation of zero, the bivariate distribution is the product of two normal
 // distributions.
-TEST(SimdLoops, ModelsOfAllNeighbourhoodsAgreeForDistantLines) {
+TEST(SimdLoops, CorrelatedModelMatchesProductForZeroCorrelation) {
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
@@ -989,7 +989,7 @@ TEST(SimdLoops, PixelsOfCellsAreNearestPixels) {
       corners.depth = depth.data();
       for (const Loops* variant : variants()) {
         std::vector<std::int32_t> places(vertices, 7);
-        variant->cell_places(side, corners, {kWidth, kHeight, stride}, places.data());
+        variant->cell_pixels(side, corners, {kWidth, kHeight, stride}, places.data());
         int outside = 0;
         for (int j = 0; j + 1 < side; ++j) {
           for (int i = 0; i + 1 < side; ++i) {

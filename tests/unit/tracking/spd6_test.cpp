@@ -99,7 +99,7 @@ TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
 }
 
 // The results must neither overflow nor underflow for very small and very large matrices.
-TEST(Spd6, CoversRangeOfDoubles) {
+TEST(Spd6, StaysAccurateForVerySmallAndLargeMatrices) {
   for (const double size : {1e-150, 1e-30, 1e30, 1e150}) {
     SCOPED_TRACE(size);
     Matrix6d A = 2.0 * Matrix6d::Identity();

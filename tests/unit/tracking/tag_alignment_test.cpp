@@ -32,7 +32,7 @@ using test::wide_camera;
 
 class TagAlignerTest : public ::testing::Test {
  protected:
-  GreyImage picture(const CameraPose& pose, const PatternRenderOptions& options) {
+  GreyImage render_view(const CameraPose& pose, const PatternRenderOptions& options) {
     const std::array<CameraPose, 1> path = {pose};
     return renderer_.render(path, options);
   }
@@ -92,7 +92,7 @@ TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
   auto aligner = TagAligner::create(camera_, tags_, options).value();
   for (int k = 0; k < (test::nightly() ? 3 : 2); ++k) {
     const CameraPose truth = random_view(random_);
-    const GreyImage image = picture(truth, {});
+    const GreyImage image = render_view(truth, {});
     const AlignmentResult result =
         align(aligner, image, displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
@@ -147,7 +147,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   double accurate2 = 0.0;
   double expected2 = 0.0;
   constexpr int kPoses = 4;
-  constexpr int kPictures = 6;  // per pose, with different noise
+  constexpr int kImages = 6;  // per pose, with different noise
   for (int k = 0; k < kPoses; ++k) {
     const CameraPose truth = random_view(random_);
     PatternRenderOptions render;
@@ -155,7 +155,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
     const std::vector<double> light = renderer_.render_light(path, render);
     const double bound = predicted_overlay_error_px(
         camera_, truth, test::pose_bound(renderer_, camera_, tags_, truth, render, 2.0));
-    for (int j = 0; j < kPictures; ++j) {
+    for (int j = 0; j < kImages; ++j) {
       std::normal_distribution<double> noise(0.0, 2.0);
       GreyImage image;
       image.width = camera_.width();
@@ -171,12 +171,11 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
         const AlignmentResult result = align(aligner, image, start, 2.0);
         ASSERT_TRUE(result.verified);
         const double ratio = overlay_px(result.T_map_camera, truth) / bound;
-        (effort == AlignmentEffort::fast ? fast2 : accurate2) +=
-            ratio * ratio / (kPoses * kPictures);
+        (effort == AlignmentEffort::fast ? fast2 : accurate2) += ratio * ratio / (kPoses * kImages);
         if (effort == AlignmentEffort::accurate) {
           const double expected =
               predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
-          expected2 += expected * expected / (bound * bound * kPoses * kPictures);
+          expected2 += expected * expected / (bound * bound * kPoses * kImages);
         }
       }
     }
@@ -268,7 +267,7 @@ TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
     constexpr int kStarts = 20;
     for (int k = 0; k < 4; ++k) {
       const CameraPose truth = random_view(random_);
-      const GreyImage image = picture(truth, render);
+      const GreyImage image = render_view(truth, render);
       for (int j = 0; j < kStarts / 4; ++j) {
         const AlignmentResult result =
             align(aligner, image, displaced(camera_, tags_, truth, start_px, random_), start_px);
@@ -281,7 +280,7 @@ TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
   }
 }
 
-TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
+TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsOccluded) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   double sum2 = 0.0;
   constexpr int kPoses = 4;
@@ -292,8 +291,8 @@ TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
     render.covered_fraction = 0.30;
     render.samples = 384;
     render.seed = static_cast<std::uint64_t>(k) + 1;
-    const AlignmentResult result =
-        align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 2.0, random_), 2.0);
+    const AlignmentResult result = align(aligner, render_view(truth, render),
+                                         displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
     const double error = overlay_px(result.T_map_camera, truth);
     sum2 += error * error / kPoses;
@@ -316,7 +315,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     render.lens_blur_px = k % 3 == 1 ? 1.5 : 0.5;
     render.covered_fraction = k % 3 == 2 ? 0.3 : 0.0;
     render.seed = static_cast<std::uint64_t>(k) + 1;
-    const GreyImage image = picture(truth, render);
+    const GreyImage image = render_view(truth, render);
     AlignmentInput input;
     input.luma = image.view();
     // The prediction error exceeds the near window.
@@ -363,7 +362,7 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
     render.noise_grey = k % 2 == 0 ? 1.0 : 6.0;
     render.samples = 64;
     render.seed = static_cast<std::uint64_t>(k) + 1;
-    const GreyImage image = picture(truth, render);
+    const GreyImage image = render_view(truth, render);
     const CameraPose start = displaced(camera_, tags_, truth, 0.5 * k, random_);
     for (Effort& effort : efforts) {
       const AlignmentResult result = align(effort.aligner, image, start, 6.0);
@@ -386,7 +385,7 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
 TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
   // Number of images per layout. The RMS of 12 errors has a relative standard deviation of
   // 1 / sqrt(2 * 12) = 20 %. The bound of 1.3 is 20 % above the largest RMS over 24 images, 1.07.
-  const int kPictures = test::nightly() ? 24 : 12;
+  const int kImages = test::nightly() ? 24 : 12;
   for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
                                               std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
     SCOPED_TRACE(testing::Message() << columns << " x " << rows << " of " << size_m << " m");
@@ -397,7 +396,7 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
     PatternSearch search(problem);
     std::vector<double> ratios;
     int unknown = 0;
-    for (int k = 0; k < kPictures; ++k) {
+    for (int k = 0; k < kImages; ++k) {
       const CameraPose truth = random_view(random_);
       PatternRenderOptions render;
       render.noise_grey = 3.0;
@@ -410,7 +409,7 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
       input.predicted = as_map_pose(truth);
       input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
       input.previous_contrast = aligner.align(input).counters.contrast;
-      input.predicted = as_map_pose(displaced(camera_, tags, truth, 12.0 / kPictures * k, random_));
+      input.predicted = as_map_pose(displaced(camera_, tags, truth, 12.0 / kImages * k, random_));
       problem.begin(input);
       problem.T_camera_map = problem.T_predicted;
       problem.find_visible(Projection::search);
@@ -432,7 +431,7 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
     const Statistics s = statistics_of(ratios);
     RecordProperty(fmt::format("of_{}_x_{}_of_{}_m", columns, rows, size_m),
                    fmt::format("unknown {}, rms {:.2f}, max {:.2f}", unknown, s.rmse, s.max));
-    EXPECT_LE(unknown, kPictures / 2);
+    EXPECT_LE(unknown, kImages / 2);
     EXPECT_LT(s.rmse, 1.3);
     EXPECT_GT(s.rmse, 0.3);
     EXPECT_LT(s.max, 3.0);
@@ -461,14 +460,14 @@ TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
 TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
   const std::array<double, 6> lights = {1.2, 0.3, 0.7, 0.25, 1.0, 0.5};
   ASSERT_EQ(tags_.size(), lights.size());
-  constexpr int kPictures = 4;
+  constexpr int kImages = 4;
   struct Errors {
     AlignmentEffort effort;
     double uneven2 = 0.0;
     double even2 = 0.0;
   };
   std::array<Errors, 2> errors = {Errors{AlignmentEffort::fast}, Errors{AlignmentEffort::accurate}};
-  for (int k = 0; k < kPictures; ++k) {
+  for (int k = 0; k < kImages; ++k) {
     SCOPED_TRACE(k);
     const CameraPose truth = random_view(random_);
     const CameraPose start = displaced(camera_, tags_, truth, 3.0, random_);
@@ -530,17 +529,17 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
 TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  constexpr int kPictures = 24;
+  constexpr int kImages = 24;
   int found_directly = 0;
   int found_by_pyramid = 0;
-  for (int k = 0; k < kPictures; ++k) {
+  for (int k = 0; k < kImages; ++k) {
     SCOPED_TRACE(k);
     const CameraPose truth = random_view(random_);
     PatternRenderOptions render;
     render.noise_grey = 4.0;
     render.samples = 16;
     render.seed = static_cast<std::uint64_t>(k) + 1;
-    const GreyImage image = picture(truth, render);
+    const GreyImage image = render_view(truth, render);
     const double towards = std::numbers::pi * uniform(random_);
     const double by_rad = (75.0 + 35.0 * uniform(random_)) / camera_.parameters().fx;
     Vector6d turned = Vector6d::Zero();
@@ -563,15 +562,14 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
       break;
     }
   }
-  EXPECT_LT(found_directly, kPictures / 3)
-      << "without the pyramid, most starts must be too far away";
-  EXPECT_GE(found_by_pyramid, kPictures - 2);
+  EXPECT_LT(found_directly, kImages / 3) << "without the pyramid, most starts must be too far away";
+  EXPECT_GE(found_by_pyramid, kImages - 2);
 }
 
 TEST_F(TagAlignerTest, PyramidSearchStopsAtSmallestImage) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const CameraPose near = test::looking_at(Eigen::Vector3d::Zero(), 0.25, 1.2, 0.3, 0.0);
-  const GreyImage image = picture(near, {.samples = 16});
+  const GreyImage image = render_view(near, {.samples = 16});
   AlignmentInput input;
   input.luma = image.view();
   input.predicted = as_map_pose(near);
@@ -648,7 +646,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
       PatternRenderOptions render;
       render.noise_grey = 2.0;
       render.samples = 128;
-      const GreyImage image = picture(truth, render);
+      const GreyImage image = render_view(truth, render);
       const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
       const AlignmentResult a = align(all, image, start, 2.0);
       const AlignmentResult b = align(seen, image, start, 2.0);
@@ -986,7 +984,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfSingleTagHasNoRotation) {
 
 // One of two or three tags is displaced relative to the map by much less than a cell. The fitted
 // pose is wrong, and its covariance must cover that error.
-TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
+TEST_F(TagAlignerTest, MapCovarianceIncludesErrorOfMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
     const std::vector<MappedTag> printed = board(columns, 1, 0.07);
     auto renderer = PatternRenderer::create(camera_, printed).value();
@@ -1094,7 +1092,7 @@ TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
       const double time = *p.rolling_shutter_row_s * (row + 0.5 * (kStrip - p.height));
       render.first_row = row;
       render.end_row = row + kStrip;
-      const GreyImage part = picture(perturbed(truth, time * input.velocity), render);
+      const GreyImage part = render_view(perturbed(truth, time * input.velocity), render);
       if (row == 0) image = part;
       const auto begin = static_cast<std::ptrdiff_t>(row) * p.width;
       std::copy_n(part.pixels.begin() + begin, kStrip * p.width, image.pixels.begin() + begin);
@@ -1128,9 +1126,9 @@ TEST_F(TagAlignerTest, RejectsOtherTagsAndBlankImages) {
   render.samples = 128;
   for (int k = 0; k < 4; ++k) {
     const CameraPose truth = random_view(random_);
-    EXPECT_FALSE(
-        align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 4.0, random_), 4.0)
-            .verified);
+    EXPECT_FALSE(align(aligner, render_view(truth, render),
+                       displaced(camera_, tags_, truth, 4.0, random_), 4.0)
+                     .verified);
   }
   GreyImage blank;
   blank.width = camera_.width();
@@ -1149,7 +1147,7 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   PatternRenderOptions render;
   render.noise_grey = 3.0;
   render.samples = 128;
-  const GreyImage image = picture(truth, render);
+  const GreyImage image = render_view(truth, render);
   const CameraPose start = displaced(camera_, tags_, truth, 6.0, random_);
   AlignmentInput blurred;
   blurred.exposure_motion = random_motion(truth, 12.0);

@@ -196,7 +196,7 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
 
 // The camera response lets white bleed into black, so corners are detected inside the tags. After
 // linearisation with the exponent estimated from the images, the corners must be unbiased.
-TEST(TagDetector, MatchesTruthOfRecording) {
+TEST(TagDetector, DetectsUnbiasedCornersInLinearLight) {
   const auto recording = test::recordings_dir() / "tabletop";
   ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;
   const CameraModel camera = load_camera(recording / "camera.yaml").value();

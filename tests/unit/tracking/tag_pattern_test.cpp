@@ -45,7 +45,7 @@ TEST(TagPattern, MatchesCellsDrawnByAprilTagLibrary) {
   tagCircle21h7_destroy(circle);
 }
 
-TEST(TagPattern, CoversEveryColourEdgeByOneRun) {
+TEST(TagPattern, HasOneRunForEachColourEdge) {
   const Result<TagPattern> pattern = TagPattern::make(TagFamily::tag36h11, 7);
   ASSERT_TRUE(pattern.has_value());
   const int width = pattern->total_width();

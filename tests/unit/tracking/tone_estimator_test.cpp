@@ -23,7 +23,7 @@ using test::board;
 using test::desk_camera;
 using test::displaced;
 
-constexpr int kPictures = 6;
+constexpr int kImages = 6;
 
 // Camera response: maps linear light to a pixel value, both from 0 to 1.
 using Tone = std::function<double(double)>;
@@ -100,7 +100,7 @@ PatternRenderOptions sharp() {
 }
 
 const Views& board_views() {
-  static const Views views(sharp(), kPictures, board(4, 3, 0.04));
+  static const Views views(sharp(), kImages, board(4, 3, 0.04));
   return views;
 }
 
@@ -110,7 +110,7 @@ TEST(ToneEstimator, EstimatesExponentOfImages) {
       SCOPED_TRACE(fmt::format("exponent {}, noise {}", exponent, noise));
       const auto estimate = board_views().shown(power(exponent), noise).estimate();
       ASSERT_TRUE(estimate) << estimate.error().message;
-      EXPECT_EQ(estimate->pictures, kPictures);
+      EXPECT_EQ(estimate->pictures, kImages);
       EXPECT_NEAR(estimate->exponent, exponent, std::min(estimate->sigma, 0.03));
       EXPECT_LT(estimate->sigma, 0.15);
       // Lens blur of 0.5 px, combined with the pixel's box.
@@ -132,7 +132,7 @@ TEST(ToneEstimator, EstimatesBlur) {
   for (const double lens_px : {0.2, 0.8, 1.2}) {
     PatternRenderOptions options = sharp();
     options.lens_blur_px = lens_px;
-    const Views views(options, kPictures, board(3, 2, 0.06));
+    const Views views(options, kImages, board(3, 2, 0.06));
     for (const double exponent : {1.0, 2.2}) {
       const auto estimate = views.shown(power(exponent), 2.0).estimate();
       ASSERT_TRUE(estimate) << lens_px << ": " << estimate.error().message;
@@ -142,10 +142,10 @@ TEST(ToneEstimator, EstimatesBlur) {
   }
 }
 
-TEST(ToneEstimator, IgnoresCoveredThirdOfEveryTag) {
+TEST(ToneEstimator, IgnoresOccludedThirdOfEveryTag) {
   PatternRenderOptions options = sharp();
   options.covered_fraction = 0.3;
-  const Views views(options, kPictures, board(4, 3, 0.04));
+  const Views views(options, kImages, board(4, 3, 0.04));
   for (const double exponent : {1.0, 2.2}) {
     const auto estimate = views.shown(power(exponent), 2.0).estimate();
     ASSERT_TRUE(estimate) << estimate.error().message;

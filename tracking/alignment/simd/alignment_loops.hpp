@@ -243,7 +243,7 @@ struct Loops {
   void (*add)(const std::int16_t* scores, int count, std::int32_t* sums);
   // Finds, for the cell above and right of each vertex of a side x side lattice, the memory offset
   // of the pixel nearest to its centre, or kNowhere. The final row and column have no cells.
-  void (*cell_places)(int side, const CellCorners& corners, const ImagePlan& image,
+  void (*cell_pixels)(int side, const CellCorners& corners, const ImagePlan& image,
                       std::int32_t* places);
 };
 

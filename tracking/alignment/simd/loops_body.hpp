@@ -28,7 +28,7 @@ extern const Loops kLoops;
 const Loops kLoops = {
     PENUMBRA_SIMD_NAME, project, walk,        measure_runs, walk_runs, read,     prepare, attach,
     accumulate,         anchor,  marginalise, follow,       evaluate,  leverage, search,  add,
-    cell_places};
+    cell_pixels};
 
 }  // namespace penumbra::simd::PENUMBRA_SIMD
 

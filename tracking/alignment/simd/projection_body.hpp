@@ -171,7 +171,7 @@ void project(const Lens& lens, const Blur& blur, const float* M, const float* N,
   });
 }
 
-void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::int32_t* places) {
+void cell_pixels(int side, const CellCorners& v, const ImagePlan& image, std::int32_t* places) {
   const float* const __restrict x = v.pixel_x;
   const float* const __restrict y = v.pixel_y;
   const float* const __restrict depth = v.depth;

@@ -1,4 +1,4 @@
-#include "app/run/run_inputs.hpp"
+#include "app/run_inputs.hpp"
 
 #include <fmt/format.h>
 
