@@ -83,7 +83,8 @@ std::optional<std::string> meaningless_option(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const CLI::Option* option : command->get_options()) {
       const std::vector<std::string>& values = option->results();
-      if (std::ranges::count(values, "") > 0) {
+      const bool needs_value = option->get_expected_min() > 0;
+      if (needs_value && std::ranges::count(values, "") > 0) {
         return fmt::format("{}: is empty; give it a value", option->get_name());
       }
       for (const std::string& value : values) {

@@ -1,15 +1,21 @@
-// penumbra evaluate: compares an estimated camera trajectory with the ground truth.
+// penumbra evaluate: compares an estimated camera trajectory with the ground truth, or the poses of
+// two halves of the tags with each other.
 
 #include "core/evaluation/evaluation.hpp"
 #include "core/propagate.hpp"
 
+#include <array>
 #include <map>
 #include <memory>
 
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
+#include "app/output/output_file.hpp"
+#include "app/output/split_half_plot.hpp"
 #include "app/recording/recording_source.hpp"
+#include "app/replay/split_half_run.hpp"
 #include "app/report/run_report.hpp"
+#include "app/report/split_half_report.hpp"
 #include "app/run_inputs.hpp"
 #include "core/evaluation/pose_convention_hint.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -28,8 +34,28 @@ struct EvaluateOptions {
   std::string camera_name;
   std::optional<std::filesystem::path> tags, estimated_groups, groundtruth_groups;
   PairingOptions pairing;
-  bool json = false;
+  std::optional<std::filesystem::path> json;  // "-": standard output
+  std::filesystem::path split_half;           // recording; empty: compares with the ground truth
+  std::optional<std::filesystem::path> plot;
+  TrackerOptions tracking;
 };
+
+// Prints the table, or writes the JSON to the file of --json.
+Result<void> write_results(const EvaluateOptions& options, const std::string& table,
+                           const std::string& json) {
+  if (!options.json) {
+    fmt::print("{}", table);
+    return {};
+  }
+  if (names_standard_output(*options.json)) {
+    fmt::print("{}", json);
+    return {};
+  }
+  PENUMBRA_TRY(auto file, OutputFile::create(*options.json));
+  PENUMBRA_TRY_VOID(write_text(file, json));
+  fmt::print("{}", table);
+  return {};
+}
 
 // Returns the time range of a trajectory, such as "0.000000000 to 3.966667000 s".
 std::string times_of(const Trajectory& trajectory, std::int64_t offset_ns = 0) {
@@ -130,55 +156,122 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
     log_warning("{}", *hint);
   }
   PENUMBRA_TRY(const auto groups, evaluate_groups(options, camera, estimated, truth));
-  if (options.json) {
-    fmt::print("{}", evaluation_json(evaluation, groups));
-    return ExitCode::success;
-  }
-  fmt::print("{}", evaluation_table(evaluation));
+  std::string table = evaluation_table(evaluation);
   for (const auto& [name, of_group] : groups) {
-    fmt::print("\ntag group {}\n{}", name, evaluation_table(of_group));
+    table += fmt::format("\ntag group {}\n{}", name, evaluation_table(of_group));
+  }
+  PENUMBRA_TRY_VOID(write_results(options, table, evaluation_json(evaluation, groups)));
+  return ExitCode::success;
+}
+
+Result<ExitCode> run_evaluate_halves(const EvaluateOptions& options) {
+  SplitHalfRequest request;
+  request.recording = options.split_half;
+  request.tags = options.tags;
+  if (!options.camera.empty()) request.camera = options.camera;
+  request.camera_name = options.camera_name;
+  request.tracking = options.tracking;
+  for (const auto& output : {options.json, options.plot}) {
+    if (output && !is_stream(*output) && lies_in(*output, options.split_half)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  output->string(), options.split_half.string());
+    }
+  }
+  std::optional<OutputFile> plot;
+  if (options.plot) {
+    PENUMBRA_TRY(plot, OutputFile::create(*options.plot));
+  }
+  PENUMBRA_TRY(const auto report, run_split_half(request));
+  PENUMBRA_TRY_VOID(write_results(options, split_half_table(report), split_half_json(report)));
+  if (plot) {
+    PENUMBRA_TRY_VOID(write_text(*plot, split_half_svg(report)));
   }
   return ExitCode::success;
+}
+
+// Rejects options that the chosen comparison does not have, and requires the others.
+void check_options(const CLI::App& command, const EvaluateOptions& options) {
+  const bool halves = !options.split_half.empty();
+  constexpr std::array kOfTruth = {"--estimated",          "--groundtruth", "--estimated-groups",
+                                   "--groundtruth-groups", "--max-gap",     "--time-offset"};
+  constexpr std::array kOfHalves = {"--plot", "--tracking", "--pose-budget",
+                                    "--no-background-search"};
+  if (halves) {
+    for (const char* option : kOfTruth) {
+      if (command.count(option) > 0) usage_error(option, "is not used with --split-half");
+    }
+    return;
+  }
+  for (const char* option : kOfHalves) {
+    if (command.count(option) > 0) usage_error(option, "needs --split-half RECORDING");
+  }
+  for (const char* option : {"--estimated", "--groundtruth", "--camera"}) {
+    if (command.count(option) == 0)
+      usage_error(option, "is required, unless --split-half RECORDING is given");
+  }
+  constexpr std::array kOfGroups = {"--tags", "--estimated-groups", "--groundtruth-groups"};
+  for (const char* given : kOfGroups) {
+    if (command.count(given) == 0) continue;
+    for (const char* other : kOfGroups) {
+      if (command.count(other) == 0) usage_error(given, "requires {}", other);
+    }
+  }
 }
 
 }  // namespace
 
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
-      program, "evaluate", "Compare an estimated camera path with the true one, in the table frame",
+      program, "evaluate",
+      "Compare an estimated camera path with the true one, or two halves of the tags",
       "Each estimated pose is compared with the ground truth at its time, which is interpolated. "
       "Beyond its first and last pose it is extrapolated by half of an interval, at most 10 ms. "
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
       "on the table's origin are from where the true pose shows them; of a group of tags, one on "
       "the middle of its tags, drawn by the camera's pose and the group's place.\n\n"
+      "--split-half needs no ground truth: it tracks a recording with two disjoint halves of its "
+      "tags, compares the two overlays, and tests what the residuals come from.\n\n"
       "Example:\n"
       "  penumbra evaluate --estimated out.tum --groundtruth recordings/tabletop/groundtruth.tum "
-      "\\\n    --camera recordings/tabletop/camera.yaml");
+      "\\\n    --camera recordings/tabletop/camera.yaml\n"
+      "  penumbra evaluate --split-half recordings/tabletop --plot halves.svg");
   const auto options = std::make_shared<EvaluateOptions>();
-  add_option(command, "--estimated", "FILE.tum", options->estimated, "Estimated camera poses")
-      ->required();
+  add_option(command, "--estimated", "FILE.tum", options->estimated, "Estimated camera poses");
   add_option(command, "--groundtruth", "FILE.tum", options->groundtruth,
-             "True camera poses, or EuRoC's data.csv")
-      ->required();
+             "True camera poses, or EuRoC's data.csv");
+  add_option(command, "--split-half", "RECORDING", options->split_half,
+             "Accuracy of a recording without ground truth, by halves of its tags");
   add_option(command, "--camera", "camera.yaml", options->camera,
-             "Camera model for the overlay error")
-      ->required();
+             "Camera model (--split-half: default the recording's)");
   add_camera_name_option(command, options->camera_name);
-  command.add_flag("--json", options->json, "JSON instead of a table");
+  add_option(
+      command, "--tags", "tags.yaml", options->tags,
+      "Tag map: compares groups beside the table too; --split-half: instead of the recording's");
+  const auto take_json = [options](const std::string& file) {
+    options->json = file.empty() ? "-" : file;
+  };
+  add_text_option(command, "--json", "[FILE.json]", take_json,
+                  "JSON instead of a table, or - ; with a file: beside the table")
+      ->expected(0, 1);
+  add_option(command, "--plot", "FILE.svg", options->plot,
+             "Plot of --split-half: errors over the frames, causes of the residuals");
   start_group(command, "Groups of tags");
-  CLI::Option* tags = add_option(command, "--tags", "tags.yaml", options->tags,
-                                 "Tag map: groups of tags beside the table are compared too");
-  CLI::Option* estimated_groups =
-      add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
-                 "Estimated places of groups: NAME.tum each, as --group-poses writes them");
-  CLI::Option* true_groups =
-      add_option(command, "--groundtruth-groups", "FOLDER", options->groundtruth_groups,
-                 "Their true places, as simulate writes them");
-  tags->needs(estimated_groups)->needs(true_groups);
-  estimated_groups->needs(tags);
-  true_groups->needs(tags);
+  add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
+             "Estimated places of groups: NAME.tum each, as --group-poses writes them");
+  add_option(command, "--groundtruth-groups", "FOLDER", options->groundtruth_groups,
+             "Their true places, as simulate writes them");
+  add_tracking_options(command, options->tracking);
   add_pairing_options(command, options->pairing);
-  command.callback([options, &chosen] { chosen = [options] { return run_evaluate(*options); }; });
+  command.callback([&command, options, &chosen] {
+    check_options(command, *options);
+    const std::array outputs = {options->json.value_or(""), options->plot.value_or("")};
+    const std::array inputs = {options->camera, options->tags.value_or("")};
+    if (const auto once = check_written_once(outputs, inputs); !once)
+      usage_error("--plot", "{}", once.error().message);
+    chosen = [options] {
+      return options->split_half.empty() ? run_evaluate(*options) : run_evaluate_halves(*options);
+    };
+  });
 }
 
 }  // namespace penumbra

@@ -100,6 +100,7 @@ constexpr const char* kQuotedWord = R"re("([A-Za-z]\w*)")re";
 constexpr const char* kFirstOfBraces = R"re(\{"([a-z]\w+)",)re";
 constexpr std::array kKeySources = {
     KeySource{"app/report/run_report.cpp", kQuotedWord},
+    KeySource{"app/report/split_half_report.cpp", R"re((?:\["|\{")([a-z]\w+)")re"},
     KeySource{"app/report/versions.cpp", kFirstOfBraces},
     KeySource{"app/capture/capture_stats.cpp", kFirstOfBraces},
     KeySource{"app/commands/shadow_text.cpp", kQuotedWord},
