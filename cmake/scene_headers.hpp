@@ -1,4 +1,4 @@
-// What the renderer and those who use it include beside the common headers, compiled once each (see
+// Precompiled headers of the renderer and its users, in addition to the common headers (see
 // options.cmake). Nothing includes this file by name.
 #pragma once
 

@@ -242,7 +242,7 @@ class StudyLoop {
     return {};
   }
 
-  // Returns a text that tells the participant what to do, without revealing the technique.
+  // Returns a text with the task, without revealing the technique.
   [[nodiscard]] std::string instructions(TrackStatus status) const {
     const StudyTrial& trial = task_.trial();
     const StudyDesign& design = task_.plan().design;

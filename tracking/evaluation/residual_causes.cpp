@@ -427,7 +427,7 @@ void judge(const CrossValidation& validation, ResidualCauses& result) {
     evidence.unique_px = px(evidence.unique);
     evidence.significant = enough(bit(cause), kAll & ~bit(cause));
   }
-  // What the significant causes leave may be explained by several others.
+  // Several other causes may explain the residuals that the significant causes leave.
   const Causes significant = significant_causes(result);
   for (std::size_t cause = 0; cause < kErrorCauses; ++cause) {
     CauseEvidence& evidence = result.evidence[cause];

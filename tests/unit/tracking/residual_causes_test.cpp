@@ -17,7 +17,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-// What differs from the given map and camera.
+// Errors that the simulated sheet and camera have relative to the given map and camera.
 struct Errors {
   double paper_m = 0.0;  // 1 sigma of the tags' heights; their tilts move corners by half of it
   double focal_fraction = 0.0;
