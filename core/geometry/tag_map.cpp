@@ -104,7 +104,7 @@ std::optional<TagFamily> tag_family_from_string(std::string_view name) {
       strip("apriltag") || strip("tagcodes") || strip("tag") ||
       (rest.size() > 1 && rest[0] == 't' && rest[1] >= '0' && rest[1] <= '9' && strip("t"));
   if (tag) {
-    strip("tag");
+    strip("tag");  // second prefix of "apriltag_tag36h11"
     return family_of_key(rest, false);
   }
   if (const auto aruco = family_of_key(rest, true)) return aruco;
