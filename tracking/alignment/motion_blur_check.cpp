@@ -133,8 +133,8 @@ void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double long
 }
 
 // Models the image with a fraction of the motion; keeps the best fraction.
-void MotionBlurCheck::try_fraction(const std::optional<Vector6d>& motion, int share) {
-  problem_.set_exposure_motion(fraction_of(motion, share, kFractions));
+void MotionBlurCheck::try_fraction(const std::optional<Vector6d>& motion, int fraction) {
+  problem_.set_exposure_motion(fraction_of(motion, fraction, kFractions));
   explained_.clear();
   for (AlignedTag* tag : tags_) {
     if (!problem_.measure(*tag, BlurModel::moments)) continue;
@@ -150,7 +150,7 @@ void MotionBlurCheck::try_fraction(const std::optional<Vector6d>& motion, int sh
   const double median_explained = explained_.empty() ? 0.0 : median();
   if (median_explained <= best_explained_) return;
   best_explained_ = median_explained;
-  best_fraction_ = share;
+  best_fraction_ = fraction;
 }
 
 void MotionBlurCheck::find_fraction(const std::optional<Vector6d>& motion, bool known) {
@@ -164,7 +164,7 @@ void MotionBlurCheck::find_fraction(const std::optional<Vector6d>& motion, bool 
     try_fraction(motion, kFractions);
     return;
   }
-  for (int share = 2; share <= kFractions; share += 2) try_fraction(motion, share);
+  for (int k = 2; k <= kFractions; k += 2) try_fraction(motion, k);
   const int best_even = best_fraction_;
   if (best_even > 0) try_fraction(motion, best_even - 1);
   if (best_even < kFractions) try_fraction(motion, best_even + 1);

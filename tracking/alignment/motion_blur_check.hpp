@@ -27,7 +27,7 @@ class MotionBlurCheck {
 
  private:
   struct Blur {
-    int index = 0;
+    int index = 0;  // of the tag in AlignmentProblem::tags
     double length_px = 0.0;
     double cell_px = 0.0;                                 // cell width in the direction of the blur
     Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // zero: any direction
@@ -37,7 +37,7 @@ class MotionBlurCheck {
   static constexpr int kFractions = 8;
 
   void measure(const std::optional<Vector6d>& motion, double longest_cells);
-  void try_fraction(const std::optional<Vector6d>& motion, int share);
+  void try_fraction(const std::optional<Vector6d>& motion, int fraction);  // [1 / kFractions]
   void find_fraction(const std::optional<Vector6d>& motion, bool known);
   [[nodiscard]] MotionBlurError pose_error(const std::optional<Vector6d>& motion, bool known) const;
   [[nodiscard]] double median();
@@ -49,8 +49,8 @@ class MotionBlurCheck {
   std::vector<AlignedTag*> tags_;
   std::vector<double> explained_;    // explained variance fraction of each tag
   std::vector<Blur> along_motion_;   // tags blurred along the motion
-  std::vector<Blur> any_direction_;  // tags blurred in any direction
-  double best_explained_ = 0.0;      // largest median of shares_ for any fraction of the motion
+  std::vector<Blur> any_direction_;  // tags that may be blurred in any direction
+  double best_explained_ = 0.0;      // largest median of explained_ for any fraction of the motion
   int best_fraction_ = 0;  // fraction of the motion that gives best_explained_ [1 / kFractions]
 };
 

@@ -1,7 +1,7 @@
 // Vectors of floats with the instruction set's width, and their functions.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-constexpr int kLanes = 16;
+constexpr int kLanes = 16;  // partial sums per quantity, for all instruction sets
 
 // Floats per vector register.
 #if defined(__AVX512F__)
@@ -102,8 +102,8 @@ PENUMBRA_INLINE Wide normal_cdf(const Wide& u, Wide& density) {
   return by_sign(u, tail, 1.0F - tail);
 }
 
-// Bivariate normal distribution: product plus an integral over the correlation (Plackett), with
-// r = sin(theta), by three Gauss-Legendre nodes. d_x, d_y: derivatives.
+// Bivariate normal distribution (Plackett): product plus an integral over theta from 0 to
+// asin(rho), by three Gauss-Legendre nodes. d_x, d_y: derivatives.
 PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho, const Wide& cdf_x,
                                   const Wide& cdf_y, const Wide& density_x, const Wide& density_y,
                                   Wide& d_x, Wide& d_y) {
@@ -138,7 +138,7 @@ PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho,
 
 using Floats4 = float __attribute__((vector_size(16)));
 
-// Maps rays to lattice points; owns a copy of the matrix, which stores to samples can't change.
+// Maps rays to lattice points. Copies the matrix, because stores to samples might alias it.
 struct LatticeFromRay {
   explicit LatticeFromRay(const float* rows) { __builtin_memcpy(m, rows, sizeof m); }
   PENUMBRA_INLINE void map(const Wide& x, const Wide& y, Wide& a, Wide& b) const {
