@@ -109,8 +109,8 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
   const TablePlane plane = plane_of(centres);
   const Transform<frame::Table, frame::Table> T_table_anchor(plane.turn,
                                                              -(plane.turn * plane.origin));
-  // d [rotation; origin] of the table frame (in its axes) / d centres.
-  Eigen::MatrixXd follow = Eigen::MatrixXd::Zero(6, 3 * n);
+  // Derivative of the table frame's [rotation; origin], in its axes, with respect to the centres.
+  Eigen::MatrixXd plane_jacobian = Eigen::MatrixXd::Zero(6, 3 * n);
   for (Eigen::Index c = 0; is_fitted && c < 3 * n; ++c) {
     constexpr double kStep = 1e-6;  // [m]
     if (ids[static_cast<std::size_t>(c / 3)] == anchor) continue;
@@ -121,8 +121,8 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
     const TablePlane a = plane_of(after);
     const TablePlane b = plane_of(before);
     const Eigen::Matrix3d W = (a.turn - b.turn) * plane.turn.transpose() / (2.0 * kStep);
-    follow.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
-    follow.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
+    plane_jacobian.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
+    plane_jacobian.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
   }
   // First row of a tag in the covariance; the anchor has none.
   const auto row_of = [&](int id) -> std::optional<Eigen::Index> {
@@ -141,8 +141,8 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
     for (Eigen::Index k = 0; k < n; ++k) {
       const auto row = row_of(ids[static_cast<std::size_t>(k)]);
       if (!row) continue;
-      const Eigen::MatrixXd turned = follow.block(0, 3 * k, 3, 3);
-      J.block(0, *row, 3, 3) = -skew(p) * turned - follow.block(3, 3 * k, 3, 3);
+      const Eigen::MatrixXd turned = plane_jacobian.block(0, 3 * k, 3, 3);
+      J.block(0, *row, 3, 3) = -skew(p) * turned - plane_jacobian.block(3, 3 * k, 3, 3);
       J.block(3, *row, 3, 3) = turned;
     }
     if (const auto tag_row = row_of(tag.tag.id)) {
@@ -267,7 +267,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
   graph.frames = input.frames;
   graph.shift_is_free = false;
   PENUMBRA_TRY_VOID(chain(graph, input, anchor, without));
-  const TagGraph chained = graph;
+  const TagGraph without_shift = graph;
   graph.shift_is_free = options.edge_shift;
   const auto adjust = [&] {
     for (int round = 0; round < 4; ++round) {
@@ -278,7 +278,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
   };
   bool settled = adjust();
   if (settled && std::abs(graph.shift) > kMaxEdgeShift_px) {
-    graph = chained;
+    graph = without_shift;
     settled = adjust();
   }
   if (settled && options.refine_camera) {
@@ -368,15 +368,15 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
   constexpr double kExplains = 0.5;  // maximum ratio of the errors with and without the explanation
   const bool sized = input.without_size.count(id) == 0;
   const double nominal_m = size_of(options, sized ? id : options.anchor);
-  const auto free = judge.fit(id, true);
-  const auto given = sized ? judge.fit(id, false) : free;
-  if (!free || !given) return std::nullopt;
+  const auto any_size_fit = judge.fit(id, true);
+  const auto given_size_fit = sized ? judge.fit(id, false) : any_size_fit;
+  if (!any_size_fit || !given_size_fit) return std::nullopt;
   const auto moved = movement_of(judge, id, nominal_m);
   Contradiction result;
-  if (!sized || (free->mean_px() < kExplains * given->mean_px() &&
-                 (!moved || free->mean_px() < 1.5 * moved->mean_px))) {
-    const double size_m = free->scale * nominal_m;
-    result.apparent = MappedTag{id, options.family, size_m, free->T_anchor_tag};
+  if (!sized || (any_size_fit->mean_px() < kExplains * given_size_fit->mean_px() &&
+                 (!moved || any_size_fit->mean_px() < 1.5 * moved->mean_px))) {
+    const double size_m = any_size_fit->scale * nominal_m;
+    result.apparent = MappedTag{id, options.family, size_m, any_size_fit->T_anchor_tag};
     result.words =
         sized ? fmt::format(
                     "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; give its size with "
@@ -386,7 +386,7 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
                             id, size_m * 1e3);
     return result;
   }
-  if (moved && moved->mean_px < kExplains * given->mean_px()) {
+  if (moved && moved->mean_px < kExplains * given_size_fit->mean_px()) {
     result.moved = true;
     result.words = fmt::format(
         "tag {}: moved by {:.1f} mm at about frame {}; sweep again while all of them rest", id,
@@ -395,7 +395,7 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
   }
   result.words = fmt::format(
       "tag {}: is {:.1f} px off from where the other tags put it; is it flat, and did it rest?", id,
-      given->mean_px());
+      given_size_fit->mean_px());
   return result;
 }
 

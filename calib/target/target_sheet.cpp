@@ -118,7 +118,7 @@ void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y)
   }
 }
 
-// Returns true if a small cross at the origin overlaps no tag and white margin (`printed_m` wide).
+// Returns true if a small cross at the origin overlaps no tag (`printed_m` wide with its margin).
 bool is_free_at_origin(const TagMap& map, double printed_m) {
   return std::ranges::all_of(map.tags(), [&](const MappedTag& tag) {
     const double away = tag.T_table_tag.translation().head<2>().cwiseAbs().maxCoeff();
@@ -180,7 +180,7 @@ Result<Sheet> sheet_of(const CharucoBoard& board) {
 Result<Sheet> sheet_of(const ChessboardSheet& board) {
   PENUMBRA_TRY_VOID(chessboard_target(board.inner_columns, board.inner_rows, board.square_m));
   const int columns = board.inner_columns + 1;
-  const int rows = board.inner_rows + 1;
+  const int rows = board.inner_rows + 1;  // the white margin adds half a square on each side
   return Sheet{(columns + 1) * board.square_m, (rows + 1) * board.square_m,
                [=](cairo_t* cr, double x, double y) {
                  draw_squares(cr, columns, rows, board.square_m, 0, x, y);
