@@ -3,7 +3,7 @@ layout(location = 0) in vec2 corner;  // 0 .. 1
 
 uniform vec4 field_rect;      // first texel's centre, vector to the last texel's centre [m]
 uniform vec2 field_last;      // index of the last texel
-uniform vec4 plane_from_own;  // from the field's frame; PlanarMotion: cosine, sine, translation [m]
+uniform vec4 plane_from_own;  // PlanarMotion of the field: cosine, sine, translation [m]
 uniform mat4x3 camera_from_plane;
 
 out vec2 texel;

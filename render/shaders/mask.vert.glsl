@@ -4,7 +4,7 @@ layout(location = 0) in vec2 corner;  // 0 .. 1
 uniform vec4 mask_rect;  // corner, extents [m]
 uniform mat4x3 camera_from_plane;
 
-centroid out vec2 texel;
+centroid out vec2 texel;  // 0 .. 1 over the mask
 
 void main() {
   texel = corner;

@@ -23,7 +23,7 @@ struct ShadowProxy {
 // Meshes with this number of faces or fewer are not reduced.
 inline constexpr std::size_t kMinProxyFaces = 2000;
 inline constexpr double kMinProxyAgreement = 0.98;       // minimum IoU of each layer
-inline constexpr std::array kProxyHeights = {0.2, 0.6};  // object's middle / umbra_height
+inline constexpr std::array kProxyHeights = {0.2, 0.6};  // compared: middle / umbra_height
 
 // Reduces a mesh to half of its faces, or to a quarter if it has over 20,000. Returns nullopt for
 // kMinProxyFaces or fewer, and if the mesh's borders prevent a reduction to three quarters.
@@ -31,7 +31,7 @@ inline constexpr std::array kProxyHeights = {0.2, 0.6};  // object's middle / um
 
 // Makes a proxy of the author's reduced model, in the same object frame.
 [[nodiscard]] ShadowProxy proxy_from_model(const ShadowMesh& full, const Model& model);
-
+// Returns the full mesh's kernels for the positions of the proxy.
 [[nodiscard]] ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& full);
 
 struct ProxyAgreement {
@@ -48,7 +48,7 @@ struct ProxyUse {
   double scale = 1.0;
 };
 
-// Compares the layers for the kernels' up direction. `kernels` belong to the full mesh. Only a
+// Compares the layers on a plane normal to kernels.up. `kernels` belong to the full mesh. Only a
 // fixed light needs `parts` (from part_discs()) and the radii of the kernels. Unless `thorough`,
 // stops at the first layer that disagrees; the remaining IoUs are then 0.
 [[nodiscard]] ProxyAgreement compare_with_proxy(const ShadowMesh& full,

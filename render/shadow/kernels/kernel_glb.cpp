@@ -21,7 +21,7 @@ namespace {
 
 using Json = GlbDocument::Json;
 
-// Reference counts of accessors and buffer views. Data of old kernels alone may be overwritten.
+// Reference counts of accessors and buffer views. Data that only old kernels use is overwritten.
 struct ReferenceCounts {
   std::map<std::size_t, int> of_accessor, of_view;
 };
