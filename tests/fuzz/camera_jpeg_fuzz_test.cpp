@@ -173,7 +173,7 @@ std::string with_harmless_change(const std::string& valid_jpeg, test::Random& ra
       bytes.insert(2, segment + content);
       break;
     }
-    case 2:  // inserts fill bytes in front of a marker
+    case 2:  // inserts fill bytes before the scan header, or after the start marker
       bytes.insert(test::marker_at(bytes, random.below(2) == 0 ? 0xC0 : 0xDA) < headers
                        ? test::marker_at(bytes, 0xDA)
                        : 2,

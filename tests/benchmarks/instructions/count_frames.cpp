@@ -5,8 +5,9 @@
 // MOTION: still | moving | cut (moves through the umbra height) | over-box | over-ball (moves over
 // a phantom that receives the shadow). The caster is a torus of TRIANGLES triangles, or a box
 // for 12. Counting starts at the fourth frame, when programs are compiled and caches are filled.
-// Each count is dumped under the name of its row. Prints the number of draw calls in the final
-// frame of each row. scripts/count-instructions runs this program.
+// Each argument after FRAMES is a row of the table. Its count is dumped under the argument's text.
+// Prints the number of draw calls in the final frame of each row. scripts/count-instructions runs
+// this program.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
