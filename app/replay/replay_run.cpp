@@ -207,7 +207,7 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
   PENUMBRA_TRY(setup.view, open_view(request, setup, scene, std::move(poses)));
 
-  interrupt.hold();
+  interrupt.hold();  // from here on, a signal ends the loop and not the process
   const std::vector<std::string> groups =
       recording.tags ? other_groups(*recording.tags) : std::vector<std::string>();
   PENUMBRA_TRY(setup.outputs, open_outputs(request,
@@ -290,7 +290,7 @@ Result<void> ReplayLoop::run() {
     if (item && !*item) break;
     const auto done = item ? draw(std::move(**item)) : tl::unexpected(item.error());
     if (!done) {
-      // Writes the previous frame, which is complete.
+      // The previous frame may be pending, because images may be read back one frame late.
       if (const auto rest = late_.write_pending(); !rest) log_warning("{}", rest.error().message);
       return done;
     }

@@ -136,7 +136,7 @@ StudyPlan plan_study(const StudyDesign& design) {
                                ? sample_of_heights(number, stimuli)
                                : sample_of_drag(number, stimuli));
   }
-  // Assigns the treatments to the symbols of the design at random; the design itself is fixed.
+  // The design orders symbols 0, 1, ... The shuffles assign a technique or sample to each symbol.
   const auto techniques = static_cast<int>(design.techniques.size());
   const std::vector<int> technique_of =
       shuffled(techniques, SplitMix64(design.seed, kTechniqueOrder));
