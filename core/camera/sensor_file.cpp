@@ -49,9 +49,9 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
 }
 
 Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fields) {
-  constexpr const char* kMatrix = "give data: the 16 numbers of a 4x4 matrix, row by row";
-  PENUMBRA_TRY(const auto matrix, fields.fields("T_BS", kMatrix));
-  PENUMBRA_TRY(const auto numbers, matrix.numbers("data", 16, kMatrix));
+  constexpr const char* kRemedy = "give data: the 16 numbers of a 4x4 matrix, row by row";
+  PENUMBRA_TRY(const auto matrix, fields.fields("T_BS", kRemedy));
+  PENUMBRA_TRY(const auto numbers, matrix.numbers("data", 16, kRemedy));
   const Eigen::Matrix4d T =
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers.data());
   const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
@@ -59,7 +59,7 @@ Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fi
   const bool rigid = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRounding &&
                      R.determinant() > 0.0 &&
                      (T.row(3) - Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)).norm() <= kRounding;
-  if (!rigid) return fail("{}: is not a rigid transform; {}", matrix.place_of("data"), kMatrix);
+  if (!rigid) return fail("{}: is not a rigid transform; {}", matrix.place_of("data"), kRemedy);
   return Transform<frame::Body, frame::Sensor>(R, T.topRightCorner<3, 1>());
 }
 

@@ -246,9 +246,9 @@ std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
 std::string format_ns_as_seconds(std::int64_t nanoseconds) {
   const bool negative = nanoseconds < 0;
   const auto bits = static_cast<std::uint64_t>(nanoseconds);
-  const std::uint64_t size = negative ? 0U - bits : bits;
-  return fmt::format("{}{}.{:09}", negative ? "-" : "", size / 1'000'000'000U,
-                     size % 1'000'000'000U);
+  const std::uint64_t magnitude = negative ? 0U - bits : bits;
+  return fmt::format("{}{}.{:09}", negative ? "-" : "", magnitude / 1'000'000'000U,
+                     magnitude % 1'000'000'000U);
 }
 
 std::string joined(std::span<const double> values, std::string_view format) {

@@ -46,7 +46,7 @@ class YamlFields {
 
   [[nodiscard]] bool has(const std::string& key) const;
   // Returns whether an optional key is present. Fails if it is absent but a similar key is present
-  // (edit distance up to 2, or without the unit), because a misspelt key would be ignored.
+  // (edit distance up to 2, or "size" for "size_m"), because a misspelt key would be ignored.
   [[nodiscard]] Result<bool> has_optional(const std::string& key) const;
   [[nodiscard]] Result<YAML::Node> node(const std::string& key, const char* remedy) const;
   [[nodiscard]] Result<double> number(const std::string& key, const char* remedy) const;
