@@ -341,24 +341,24 @@ Result<void> ObjReader::check_indices() {
 
 // Moves the materials into the model. Returns an index into Model::materials per material name.
 std::vector<int> ObjReader::find_materials() {
-  std::vector<bool> named(obj_.material_names.size(), false);
+  std::vector<bool> used_names(obj_.material_names.size(), false);
   for (const ObjFace& face : obj_.faces) {
-    if (face.material >= 0) named[static_cast<std::size_t>(face.material)] = true;
+    if (face.material >= 0) used_names[static_cast<std::size_t>(face.material)] = true;
   }
-  const auto plain = static_cast<int>(materials_.size());
-  std::vector<int> found(named.size(), plain);
+  const auto default_material = static_cast<int>(materials_.size());  // added by move_to()
+  std::vector<int> found(used_names.size(), default_material);
   std::vector<bool> used(materials_.size(), false);
   std::string unknown;
   std::size_t unknown_count = 0;
-  for (std::size_t i = 0; i < named.size(); ++i) {
+  for (std::size_t i = 0; i < used_names.size(); ++i) {
     const std::string& name = obj_.material_names[i];
     std::optional<std::size_t> index = materials_.find(name);
     // A comment may follow the name.
     if (!index) index = materials_.find(name.substr(0, name.find(" #")));
     if (index) {
       found[i] = static_cast<int>(*index);
-      used[*index] = used[*index] || named[i];
-    } else if (named[i] && unknown_count++ == 0) {
+      used[*index] = used[*index] || used_names[i];
+    } else if (used_names[i] && unknown_count++ == 0) {
       unknown = name;
     }
   }
