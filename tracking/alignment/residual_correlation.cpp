@@ -31,10 +31,10 @@ struct Direction {
   }
 };
 
-// Expected sums for independent residuals.
+// Sums over the edges of the variances of s that independent residuals would have.
 struct Expected {
   double sum = 0.0;
-  double squares = 0.0;  // over the edges
+  double squares = 0.0;  // of the squared variances
   int edges = 0;
 };
 
@@ -96,7 +96,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   if (freedom < 4 || !(expected.sum > 0.0)) return 1.0;
   double observed = 0.0;
   for (const Direction& direction : directions) observed += direction.squares_without_widening();
-  // The residuals include the displacements that the latest step removed.
+  // The residuals are from before the latest step. Subtracts the part that the step removed.
   const Vector6d& step = solver.last_step();
   observed -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
               expected.squares / expected.sum;

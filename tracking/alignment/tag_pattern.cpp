@@ -66,7 +66,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
     pattern.data_cells_.push_back({column, width - 1 - row, white});
   }
 
-  // Outside both rings of the border, only the data cells are printed.
+  // Cells outside the border and the ring around it are printed only if they are data cells.
   std::vector<std::uint8_t>& printed = pattern.printed_;
   printed.assign(pattern.cells_.size(), 0);
   const int printed_start = border_start - 1;

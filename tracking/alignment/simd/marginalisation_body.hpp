@@ -16,7 +16,7 @@ PENUMBRA_INLINE void store(double* at, const Pack& pack) {
   __builtin_memcpy(at, &pack, sizeof pack);
 }
 
-// Returns the index into the upper triangle of an 8 x 8 matrix, row by row; p <= q.
+// Returns the index into the upper triangle of H; p <= q. 0 to 5: motion; 6: gain; 7: offset.
 constexpr int upper(int p, int q) {
   return p * 8 - p * (p - 1) / 2 + q - p;
 }
@@ -98,8 +98,8 @@ void marginalise(TagPack* packs, int count) {
                                                       share1[low + 3] * H[upper(high + 3, 7)]);
       }
     }
-    // Transforms H = [P, Q; Q^T, S] to the camera frame: [R / cell, K R; 0, R], K = skew(centre),
-    // maps its motion to the lattice. Adds P K to Q, then Q^T K - K (Q + P K) to S.
+    // [R / cell, K R; 0, R], K = skew(centre), maps camera motion to the lattice. Transforms the
+    // marginalised [P, Q; Q^T, S]: adds P K to Q, Q^T K - K (Q + P K) to S, then rotates.
     Pack centre[3];
     load(pack.centre, centre);
     const Pack& x = centre[0];
@@ -165,20 +165,20 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
       const int k = (i + 2) % 3;
       moved[i] += centre[j] * moved[3 + k] - centre[k] * moved[3 + j];
     }
-    Pack left[2];
+    Pack level_gradient[2];
     for (int c = 0; c < 2; ++c) {
-      load(pack.g[6 + c], left[c]);
-      left[c] *= inverse_slope;
+      load(pack.g[6 + c], level_gradient[c]);
+      level_gradient[c] *= inverse_slope;
       for (int p = 0; p < 6; ++p) {
         Pack cross;
         load(pack.H[upper(p, 6 + c)], cross);
-        left[c] -= cross * moved[p];
+        level_gradient[c] -= cross * moved[p];
       }
     }
     Pack inverse[3];
     load(pack.inverse, inverse);
-    store(pack.levels[0], inverse[0] * left[0] + inverse[1] * left[1]);
-    store(pack.levels[1], inverse[1] * left[0] + inverse[2] * left[1]);
+    store(pack.levels[0], inverse[0] * level_gradient[0] + inverse[1] * level_gradient[1]);
+    store(pack.levels[1], inverse[1] * level_gradient[0] + inverse[2] * level_gradient[1]);
     // Finds the maximum motion of the tag's corners.
     Pack M[9];
     load(pack.ray_from_lattice, M);
