@@ -71,14 +71,14 @@ int main(int argc, char** argv) {
       const double error =
           pose.has_pose() ? overlay_difference(session.camera, pose.T_table_camera, truth).rms_px()
                           : -1.0;
-      const double moved =
+      const double motion_px =
           corner_distance_px(session.camera, session.tags, session.motion.at(f * session.frame_s),
                              session.motion.at(f * session.frame_s + session.exposure_s));
       if (csv) {
         std::printf(
             "R,%d,%d,%s,%d,%d,%d,%.2f,%.4f,%.2f,%.2f,%.2f,%s,%d,%.5f,%.5f,%.5f,%.5f,%.5f,%s\n", s,
             f, kLayoutNames[static_cast<std::size_t>(kind.layout)], static_cast<int>(kind.lens),
-            kind.haste, kind.tone_known ? 1 : 0, session.light.gamma, session.exposure_s, moved,
+            kind.haste, kind.tone_known ? 1 : 0, session.light.gamma, session.exposure_s, motion_px,
             session.light.noise_grey, session.light.lens_blur_px,
             std::string(to_string(pose.status)).c_str(), pose.tags_used, error,
             pose.predicted_overlay_error_px, pose.reprojection_rms_px,
@@ -89,10 +89,10 @@ int main(int argc, char** argv) {
             text_of(pose.reason).c_str());
         std::fflush(stdout);
       }
-      const std::string blur = moved < 0.5   ? "<0.5"
-                               : moved < 2.0 ? "<2"
-                               : moved < 6.0 ? "<6"
-                                             : ">6";
+      const std::string blur = motion_px < 0.5   ? "<0.5"
+                               : motion_px < 2.0 ? "<2"
+                               : motion_px < 6.0 ? "<6"
+                                                 : ">6";
       for (const std::string& name :
            {std::string("all"),
             "layout " + std::string(kLayoutNames[static_cast<std::size_t>(kind.layout)]),

@@ -98,11 +98,11 @@ TEST_P(CameraJpegKind, IgnoresFewBytesBeforeRestartMarkers) {
     expect_same(stray);
   }
   if (restarts.empty()) return;
-  std::string lost = valid_jpeg_;
-  lost.insert(restarts[1], 200, '\x33');
-  EXPECT_NE(cause_of(lost).find("a.jpg: damaged JPEG (Corrupt JPEG data: 200 extraneous bytes"),
+  std::string excess = valid_jpeg_;
+  excess.insert(restarts[1], 200, '\x33');
+  EXPECT_NE(cause_of(excess).find("a.jpg: damaged JPEG (Corrupt JPEG data: 200 extraneous bytes"),
             std::string::npos)
-      << cause_of(lost);
+      << cause_of(excess);
   std::string swapped = valid_jpeg_;
   std::swap(swapped[restarts[0] + 1], swapped[restarts[1] + 1]);
   EXPECT_NE(cause_of(swapped), "");
@@ -189,7 +189,7 @@ TEST(CameraJpeg, CropsPaddingOnlyWithinLastBlockRow) {
           << i << ", row " << y;
     }
   }
-  // One block row less would leave bytes after the last block.
+  // A crop by a whole block row is refused, because it would leave bytes after the last block.
   EXPECT_EQ(outline_jpeg(normalized_jpeg(*outline, 64))->height, 80);
 }
 

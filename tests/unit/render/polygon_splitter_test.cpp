@@ -277,7 +277,7 @@ TEST(PolygonSplitter, KeepsCornersOfPolygonWithoutArea) {
             3U);
 }
 
-// Without these limits, GLU's tessellator would take hours.
+// GLU's tessellator alone would take hours on these outlines, so the splitter limits its work.
 TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
   const auto start = std::chrono::steady_clock::now();
   Random random(3);
@@ -299,7 +299,7 @@ TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
     PolygonSplitter splitter;
     EXPECT_EQ(splitter.split(in_space(outline)).outcome, PolygonSplit::Outcome::too_intricate);
   }
-  // The limits apply per polygon, so one splitter handles many polygons.
+  // The limit covers all polygons of a splitter, so many small polygons exceed it too.
   PolygonSplitter splitter;
   crossing.resize(60);
   std::size_t rejected = 0;
