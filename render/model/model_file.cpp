@@ -84,7 +84,7 @@ Eigen::AlignedBox3d bounds_of(const Model& model) {
   return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
 }
 
-// Returns the geometry_key() in a stamp of stored kernels: of the model converted from y up.
+// Returns the geometry_key() of the model converted from y up, as in a stamp of stored kernels.
 std::string stamped_geometry(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
   Model converted = model;

@@ -20,8 +20,8 @@ constexpr double kCreaseCosine = 0.7071;  // an edge between faces at over 45 de
 struct ObjTriangles {
   std::vector<ObjCorner> corners;
   std::vector<std::uint32_t> face;  // face of each triangle
-  // (triangle, normal) for planar polygons of over 4 corners, ascending: the normal of a thin
-  // triangle can't be computed from its corners.
+  // (triangle, normal of its face), sorted by triangle, for planar faces of over 4 corners: their
+  // triangles may be too thin for a normal computed from the corners.
   std::vector<std::pair<std::size_t, glm::vec3>> normals;
 };
 
@@ -128,7 +128,7 @@ std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
   const auto vertex = [&](std::size_t corner) {
     return static_cast<std::size_t>(corners[corner].position);
   };
-  std::vector<Corner> faces(corners.size());
+  std::vector<Corner> by_corner(corners.size());
   std::vector<std::uint32_t> start(positions.size() + 1, 0);
   auto known = triangles.normals.begin();
   for (std::size_t t = 0; t < corners.size(); t += 3) {
@@ -146,7 +146,7 @@ std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
       const glm::dvec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
       const double lengths = glm::length(a) * glm::length(b);
       if (!(lengths > 0.0) || normal == glm::dvec3(0.0)) continue;
-      faces[t + k] = {normal, std::acos(std::clamp(glm::dot(a, b) / lengths, -1.0, 1.0))};
+      by_corner[t + k] = {normal, std::acos(std::clamp(glm::dot(a, b) / lengths, -1.0, 1.0))};
     }
   }
   for (std::size_t i = 1; i < start.size(); ++i) start[i] += start[i - 1];
@@ -160,11 +160,11 @@ std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
     const bool smooths_all = start[v + 1] - start[v] > kMaxPairedFaces;
     glm::dvec3 sum(0.0);
     for (std::uint32_t i = start[v]; i < start[v + 1]; ++i) {
-      const Corner& corner = faces[at_vertex[i]];
+      const Corner& corner = by_corner[at_vertex[i]];
       if (!smooths_all || i == start[v]) {
         sum = glm::dvec3(0.0);
         for (std::uint32_t j = start[v]; j < start[v + 1]; ++j) {
-          const Corner& other = faces[at_vertex[j]];
+          const Corner& other = by_corner[at_vertex[j]];
           if (smooths_all || glm::dot(corner.normal, other.normal) >= kCreaseCosine) {
             sum += other.normal * other.angle;
           }
@@ -201,8 +201,8 @@ class MeshBuilder {
     }
     if (!file.colors.empty()) {
       const glm::vec3& color = file.colors[source];
-      const auto light = [](float c) { return linear_from_srgb(std::clamp(c, 0.0F, 1.0F)); };
-      mesh.colors.emplace_back(light(color.x), light(color.y), light(color.z), 1.0F);
+      const auto to_linear = [](float c) { return linear_from_srgb(std::clamp(c, 0.0F, 1.0F)); };
+      mesh.colors.emplace_back(to_linear(color.x), to_linear(color.y), to_linear(color.z), 1.0F);
     }
     return entry->second;
   }
@@ -257,10 +257,10 @@ Result<void> add_obj_meshes(Model& model, ObjFile& file, const std::vector<int>&
   for (std::size_t i = 0; i < positions.size(); ++i) {
     positions[i] = to_glm(file.positions[i] - model.origin);
   }
-  const bool creased =
+  const bool lacks_normals =
       std::ranges::any_of(triangles.corners, [](const ObjCorner& c) { return c.normal < 0; });
   const std::vector<glm::vec3> generated =
-      creased ? creased_normals(positions, triangles) : std::vector<glm::vec3>{};
+      lacks_normals ? creased_normals(positions, triangles) : std::vector<glm::vec3>{};
   std::map<int, MeshBuilder> builders;
   const auto plain = static_cast<int>(model.materials.size()) - 1;
   for (std::size_t t = 0; t < triangles.face.size(); ++t) {

@@ -15,15 +15,15 @@ namespace {
 
 constexpr double kMaxSweepSteps = 6e7;     // limit of sweep_steps() over all polygons; about 2 s
 constexpr double kOrdinarySteps = 10.0;    // steps per corner
-constexpr double kStepsOfCrossing = 30.0;  // steps to create the new corner
-constexpr double kStepsOfCut = 0.2;        // steps of a reflex corner per corner of its outline
+constexpr double kStepsOfCrossing = 30.0;  // steps per intersection, which adds a corner
+constexpr double kStepsOfCut = 0.2;        // steps per pair of a reflex corner and a corner
 // Positions closer than this [radii] count as equal: rounding may move a corner across an edge.
 constexpr double kSamePlace = 1e-9;
 constexpr double kFlatShare = 0.01;      // maximum height of a flat polygon's corners [radii]
 constexpr double kAreaTolerance = 1e-6;  // fraction of the area
 constexpr int kMaxAttempts = 5;
 constexpr double kAttemptAngle = 1.0;      // [rad] between attempts
-constexpr double kMinAreaFraction = 1e-9;  // below, areas of opposite orientation cancel
+constexpr double kMinAreaFraction = 1e-9;  // |sum of areas| / sum of |areas|; below, areas cancel
 constexpr double kNoArea = 1e-14;          // areas up to this are zero [squared radii]
 constexpr double kRoundedArea = 1e-12;     // rounding error of areas [squared radii]
 

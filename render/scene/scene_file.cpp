@@ -546,16 +546,16 @@ void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place)
   }
 }
 
-// Advises if an object rises above the heights that cast shadows, or above the workspace for which
-// the light was chosen: it then has no umbra. The image shows neither cause.
+// Advises if an object rises above the heights that cast shadows, or above the workspace, where it
+// has no umbra. From the image alone, a user can't know why the shadow or the umbra is missing.
 void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
   const auto layered = from.find("layered");
   const bool by_workspace = layered && layered->value.contains("workspace_height");
   const double max_casting_height = layer_height_range(node.layered, ShadowLayer::penumbra).high;
   for (const int index : node.planes) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
-    // Excludes walls, because most of the scene is far in front of them, and planes that move with
-    // other tags.
+    // Excludes planes that move with other tags, and walls, because most of the scene is far in
+    // front of them.
     const bool is_floor = std::abs(plane.normal.z()) > 0.5 && plane.tag_group == kTableGroup;
     if (!is_floor) continue;
     const std::vector<double> tops = vertex_heights(scene_, plane.normal, plane.point);

@@ -1,4 +1,4 @@
-// Computes the layers of a light with one size per part as 2-D fields (docs/shadows.md#fields).
+// Computes shadow layers as 2-D fields, for one light size per part (docs/shadows.md#fields).
 // Needs no kernels, works for any mesh, and never folds over.
 #pragma once
 
@@ -18,7 +18,7 @@ struct PartLight {
   double radius = 0.0;                               // the part's median local thickness [m]
 };
 
-// Samples at cell centres, origin + (column + 0.5, row + 0.5) cell; v grows with the row. A layer
+// Samples at cell centres, origin + (column + 0.5, row + 0.5) cell, in plane coordinates. A layer
 // is the set of points whose bilinearly interpolated field is > 0. No shadow outside the raster.
 struct ShadowField {
   int width = 0;      // [cells]

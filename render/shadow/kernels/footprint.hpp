@@ -1,4 +1,4 @@
-// Rasterises the silhouette of projected triangles and computes the depth of each cell inside it.
+// Rasterises the silhouette of projected triangles and computes each cell's distance to its edge.
 #pragma once
 
 #include <Eigen/Core>
