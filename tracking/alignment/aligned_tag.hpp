@@ -51,10 +51,10 @@ struct AlignedTag {
   bool too_small = false;        // reason for not being visible
   bool fully_projected = false;  // all vertices have a projection
   Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // camera in the lattice frame [cells]
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of projection, lattice frame [cells]
   Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();  // (a, b, 1) to the camera frame
   std::array<float, 9> lattice_from_ray{};
-  std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // of the vertices
+  std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // see simd::Vertices
   // Search points; depth <= 0 if the point has no projection.
   std::vector<float> search_x, search_y, search_depth;
   Eigen::Vector2d along_a = Eigen::Vector2d::Zero();  // a cell's sides at the tag's centre [px]

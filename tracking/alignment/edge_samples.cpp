@@ -62,7 +62,7 @@ void EdgeSampler::read_levels() {
 }
 
 void EdgeSampler::locate_samples(AlignedTag& tag) const {
-  const simd::Samples& s = tag.samples;
+  const simd::Samples& s = tag.samples;  // `vertex`: here a memory offset, later the anchor
   const auto stride = static_cast<std::int32_t>(problem_.image.stride);
   for (int i = 0; i < tag.used; ++i)
     s.vertex[i] =
@@ -202,7 +202,7 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   std::array<double, 2> reach_px;
   reach_px.fill(sigmas * problem_.options.blur_px);
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
-  // Shorter steps may select a pixel twice where the tag appears smaller.
+  // With shorter steps, perspective may bring two steps to the same pixel.
   constexpr double kMinStep_px = 1.5;
   // With fewer tags, the tilt of the pose depends on single edges, so each edge is walked.
   constexpr std::size_t kMinTags = 3;

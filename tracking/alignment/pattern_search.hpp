@@ -50,8 +50,8 @@ class PatternSearch {
  public:
   explicit PatternSearch(AlignmentProblem& problem) : problem_(problem) {}
 
-  // Searches a narrow window if it contains 3 sigma of the prediction or `previous_contrast` (see
-  // AlignmentInput) is known; if that fails, the largest window. Returns false if nothing is found.
+  // Searches a narrow window (if it holds 3 sigma of the prediction, or if `previous_contrast`, see
+  // AlignmentInput, is known) and, failing that, the largest. Returns false if nothing is found.
   [[nodiscard]] bool search(double previous_contrast);
   // Searches the largest window for each tag independently.
   [[nodiscard]] bool search_independently();
@@ -61,12 +61,12 @@ class PatternSearch {
   // Returns the error (1 sigma) of the latest search at the worst tag corner [px], estimated from
   // the scatter of the tags; infinite if unknown.
   [[nodiscard]] double error_px() const { return error_px_; }
-  // Returns true if the latest search was so accurate that the fine stage needs no wide stage.
+  // Returns true if the latest search was so accurate that the wide stage can be skipped.
   [[nodiscard]] bool found_near() const;
 
  private:
   static constexpr int kReach = 31;  // [px] in each direction
-  // Search window of each cell of a tag in memory; equal numbers of white and black cells.
+  // Addresses of the search windows of one tag's cells, as many white as black ones.
   struct CellWindows {
     std::array<const std::uint8_t*, kMaxSearchCells> begin;
     std::array<std::ptrdiff_t, kMaxSearchCells> stride;
