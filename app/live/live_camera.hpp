@@ -54,7 +54,7 @@ struct CameraAddress {
                                                        const CameraAddress& address,
                                                        const StreamFormat& format,
                                                        const CameraModel& camera);
-// Returns the calibration, with scale_calibration scaled to the requested or the recording's size.
+// Returns the calibration, scaled to the requested or recorded size if scale_calibration is set.
 [[nodiscard]] Result<CameraModel> calibration_at_size(const CameraRequest& request,
                                                       const CameraAddress& address,
                                                       const CameraModel& camera);
