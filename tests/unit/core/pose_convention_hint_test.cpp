@@ -39,14 +39,14 @@ Trajectory random_trajectory(std::mt19937& random) {
   for (int i = 0; i < 30; ++i) {
     azimuth += uniform(random, -0.02, 0.03);
     elevation += uniform(random, -0.01, 0.01);
-    const Eigen::Vector3d towards(std::cos(elevation) * std::cos(azimuth),
-                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
-    const Eigen::Vector3d z = -towards;
+    const Eigen::Vector3d to_camera(std::cos(elevation) * std::cos(azimuth),
+                                    std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+    const Eigen::Vector3d z = -to_camera;
     const Eigen::Vector3d x = z.cross(Eigen::Vector3d::UnitZ()).normalized();
     Eigen::Matrix3d R;
     R << x, z.cross(x), z;
     const Eigen::Quaterniond rotation = Eigen::Quaterniond(R) * turn(random, 0.05);
-    trajectory.poses.push_back({i * 33'333'333LL, {rotation, distance_m * towards}, {}});
+    trajectory.poses.push_back({i * 33'333'333LL, {rotation, distance_m * to_camera}, {}});
   }
   return trajectory;
 }
