@@ -193,7 +193,7 @@ class SessionDependencies {
 
 class SessionLoss : public testing::TestWithParam<Loss> {};
 
-TEST_P(SessionLoss, LeavesCompleteOutputsAtAnyMoment) {
+TEST_P(SessionLoss, LeavesCompleteOutputsWheneverDependencyIsLost) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const Loss loss = GetParam();
   const bool ends_session = loss == Loss::terminal || loss == Loss::display;
@@ -273,7 +273,7 @@ TEST(StandardStreams, MakePrintingCommandsFailWhenStdoutIsFullOrClosed) {
 
 // A lost log must not change the exit code. An output file must not get the descriptor number of a
 // closed standard stream.
-TEST(StandardStreams, LetLiveWriteOutputsWhenClosedOrFull) {
+TEST(StandardStreams, KeepOutputsOfLiveCompleteWhenClosedOrFull) {
   for (const auto& [redirection, expected_code] : std::vector<std::pair<std::string, int>>{
            {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
     SCOPED_TRACE(redirection);
@@ -336,7 +336,7 @@ TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
 }
 
 // Messages wait for the terminal, but outputs do not.
-TEST(StandardStreams, LetLiveWriteOutputsWhenTerminalStalls) {
+TEST(StandardStreams, DoNotBlockOutputsOfLiveWhenTerminalStalls) {
   const LiveSession session;
   int ends[2] = {-1, -1};
   ASSERT_EQ(openpty(&ends[0], &ends[1], nullptr, nullptr, nullptr), 0);

@@ -184,7 +184,7 @@ void write_obj(const std::string& path, const std::vector<double>& xyz,
 
 // Cubes that extend below the plane, up to the light and above it. The shadows are polygons on a
 // receiver.
-TEST_F(ShadowCommandVectors, MatchProjectiveClip) {
+TEST_F(ShadowCommandVectors, MatchHardShadowsOfClippedCubes) {
   const nlohmann::json json = read_json(vectors() / "projective_clip.json");
   ASSERT_GE(json.at("cases").size(), 5U);
   std::size_t number = 0;
@@ -210,7 +210,7 @@ TEST_F(ShadowCommandVectors, MatchProjectiveClip) {
 }
 
 // Each point is a triangle of 0.1 mm. Its shadow must be at the oracle's position, or absent.
-TEST_F(ShadowCommandVectors, MatchProjectionPoints) {
+TEST_F(ShadowCommandVectors, MatchHardShadowsOfSinglePoints) {
   const nlohmann::json json = read_json(vectors() / "projection_points.json");
   std::size_t number = 0;
   std::size_t shadows = 0;

@@ -175,7 +175,7 @@ TEST_F(SimulateCommand, BlursAlongMotionCentredOnTruth) {
   EXPECT_NEAR(centre_sharp, centre_blurred, 0.05) << "the truth is the middle of the exposure";
 }
 
-TEST_F(SimulateCommand, AppliesCameraResponseGainAndCover) {
+TEST_F(SimulateCommand, AppliesCameraResponseGainAndTagCover) {
   write_path(1, 0.003);
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("toned", {"--tone", "2.2"}).exit_code, 0);

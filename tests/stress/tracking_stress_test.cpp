@@ -333,7 +333,7 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
 
 // Tags of two families may share ids. Only the moved tag may be rejected; the tag with the same id
 // in the other family must still be used.
-TEST(TrackingStress, KeepsTagOfOtherFamilyWithIdOfMovedTag) {
+TEST(TrackingStress, KeepsTagThatSharesIdWithMovedTagOfOtherFamily) {
   Session session = easy_session();
   const auto half = session.tags.size() / 2;
   for (std::size_t k = 0; k < half; ++k) {

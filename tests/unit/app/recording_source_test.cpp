@@ -787,7 +787,7 @@ TEST_F(EurocRecording, MapsEquidistantToFisheyeAndPrefersCameraFile) {
   EXPECT_EQ(open_recording(folder())->camera->parameters().fx, 53.0);
 }
 
-TEST_F(EurocRecording, RejectsCameraName) {
+TEST_F(EurocRecording, RejectsCameraNameOption) {
   OpenRecordingOptions options;
   options.camera_name = "left";
   const auto recording = open_recording(folder(), options);

@@ -169,7 +169,7 @@ TEST_F(EditedSession, ChangesTechniqueOfEditedNodeOnly) {
   EXPECT_TRUE(step().edits.empty()) << "each edit must be returned once";
 }
 
-TEST_F(EditedSession, KeepsOptionTechniqueForOtherNodes) {
+TEST_F(EditedSession, KeepsCommandLineTechniqueForOtherNodes) {
   PlanOptions plan;
   plan.technique = ShadowTechnique::simple;
   restart(plan);

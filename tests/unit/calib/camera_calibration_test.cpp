@@ -192,7 +192,7 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
       tag_size_error_of(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
 }
 
-TEST(ProjectionDifference, ReportsFractionNotCompared) {
+TEST(ProjectionDifference, ReportsFractionOfImageNotCompared) {
   const CameraModel camera = test::desk_camera();
   EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
   CameraParameters p = camera.parameters();

@@ -75,7 +75,7 @@ TEST_F(SampleDepthTest, IsSmallestDepthThatHoldsEveryValue) {
   }
 }
 
-TEST_F(SampleDepthTest, IsCommonToAllImages) {
+TEST_F(SampleDepthTest, IsLargestNeededByAnyImage) {
   add(png_of(ramp(700)));
   add(png_of(ramp(3000)));
   add(png_of(ramp(90)));

@@ -1190,7 +1190,7 @@ TEST_P(PhantomShadow, ShowsDarkestCasterOnObject) {
   EXPECT_GT(of_both, 500);
 }
 
-TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
+TEST_P(PhantomShadow, OnObjectsIsIndependentOfSkipping) {
   std::mt19937 random(6);
   int skipped = 0;
   int drawn = 0;

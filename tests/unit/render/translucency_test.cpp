@@ -363,7 +363,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
 }
 
 // A frame with faint rays is the mean of a frame with solid rays and one without rays.
-TEST(Retexture, BlendsFaintRaysOnce) {
+TEST(Retexture, BlendsRaysOnceWhileOverlayFades) {
   Studio studio(busy().build(), distorted_camera());
   const Frame frame = noise(PixelFormat::nv12);
   const auto draw = [&](bool faint, bool rays) {

@@ -63,7 +63,7 @@ TEST_P(PoseRefinerLens, RecoversExactPoseFromExactCorners) {
   }
 }
 
-TEST(PoseRefiner, InvertsPerturbations) {
+TEST(PoseRefiner, RecoversPerturbationBetweenPoses) {
   const CameraPose pose = looking_at_origin(0.5, 0.4, 1.0, 2.0);
   for (const double size : {0.0, 1e-13, 1e-7, 1e-3, 1.0, 3.0}) {
     Vector6d xi;

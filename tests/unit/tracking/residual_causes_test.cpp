@@ -148,7 +148,7 @@ TEST(ResidualCauses, RecognisePaper) {
   }
 }
 
-TEST(ResidualCauses, RecogniseLens) {
+TEST(ResidualCauses, RecogniseWrongLens) {
   for (int seed = 0; seed < kSeeds; ++seed) {
     Errors errors;
     errors.focal_fraction = 0.002 * (1 + seed);

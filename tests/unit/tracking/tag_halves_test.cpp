@@ -35,7 +35,7 @@ double spread_of(std::span<const WeightedTag> tags, const std::vector<std::size_
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter).eigenvalues().minCoeff());
 }
 
-TEST(TagHalves, AreDisjointCompleteAndDifferent) {
+TEST(TagHalves, AreDisjointAndCompleteAndDifferBetweenSplits) {
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   for (std::size_t count = 4; count <= 40; count += 3) {
