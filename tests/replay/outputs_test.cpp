@@ -123,7 +123,7 @@ TEST(TextOutput, WritesSameCameraToFileStdoutAndPipe) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const fs::path source = test::shared_dir() / "recordings" / "chessboard";
   const TemporaryFolder folder;
-  test::write_thinned_recording(folder.path() / "some", source, 2);
+  test::write_thinned_recording(folder.path() / "some", source, 4);
   const std::string text = same_in_file_output_and_pipe(
       {"calibrate", folder.path() / "some", "--target", source / "chessboard.yaml", "--model",
        "plumb_bob", "--views", "8"},

@@ -244,7 +244,7 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
 TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   constexpr int kWidth = 480;
   constexpr int kHeight = 320;
-  constexpr int kStep_px = 16;
+  constexpr int kStep_px = 24;
   HudPanels panels;
   panels.compact = panels.help = true;
   std::set<WindowCommand> found;
