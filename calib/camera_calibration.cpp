@@ -114,7 +114,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     width_ = luma.width;
     height_ = luma.height;
   } else if (luma.width != width_ || luma.height != height_) {
-    return fail("{}: is {} x {} px, but {} is {} x {}; give pictures of one camera and one size",
+    return fail("{}: is {} x {} px, but {} is {} x {}; give images of one camera and one size",
                 name, luma.width, luma.height, first_name_, width_, height_);
   }
   CalibrationImage picture;
@@ -217,7 +217,7 @@ void CameraCalibrator::add_unreadable(const std::string& name, const std::string
 }
 
 Result<void> CameraCalibrator::check_found() const {
-  if (images_.empty()) return fail("there are no pictures");
+  if (images_.empty()) return fail("there are no images");
   std::map<std::string, int> reasons;
   for (const CalibrationImage& picture : images_) {
     if (picture.reason == ImageRejection::seen_before) {
@@ -229,7 +229,7 @@ Result<void> CameraCalibrator::check_found() const {
   const int usable = candidates_;
   if (images_with_wide_tags_ > usable) {
     return fail(
-        "in {} of {} pictures the tags have a black border of two cells, as Kalibr prints them; "
+        "in {} of {} images the tags have a black border of two cells, as Kalibr prints them; "
         "libapriltag, which finds tags here and while tracking, reads borders of one cell: print a "
         "sheet with penumbra target",
         images_with_wide_tags_, images_.size());
@@ -241,7 +241,7 @@ Result<void> CameraCalibrator::check_found() const {
                                   : fmt::format(" ({} time{}: {})", mode->second,
                                                 mode->second == 1 ? "" : "s", mode->first);
   if (std::ranges::all_of(images_, [](const auto& picture) { return picture.width == 0; })) {
-    return fail("none of {} pictures can be read ({})", images_.size(), images_.front().left_out);
+    return fail("none of {} images can be read ({})", images_.size(), images_.front().left_out);
   }
   const bool too_few = usable < static_cast<int>(kMinViews);
   if (too_few) {
@@ -252,13 +252,13 @@ Result<void> CameraCalibrator::check_found() const {
       return fail("the target ({}) is in none of {} images as they are{}", target_.description,
                   images_.size(), because);
     }
-    return fail("the target ({}) is in none of {} pictures{}; is it the right target file?",
+    return fail("the target ({}) is in none of {} images{}; is it the right target file?",
                 target_.description, images_.size(), because);
   }
   if (!too_few) return {};
   if (usable == static_cast<int>(images_.size())) {
     return fail(
-        "{} picture{} too few, a camera needs at least 3; take 20, with the target tilted in "
+        "{} image{} too few, a camera needs at least 3; take 20, with the target tilted in "
         "several directions and in every part of the image",
         usable, usable == 1 ? " is" : "s are");
   }
@@ -268,7 +268,7 @@ Result<void> CameraCalibrator::check_found() const {
           ? fmt::format("; has it {} x {} inner corners? If so,", target_.columns, target_.rows)
           : ";";
   return fail(
-      "only {} of {} pictures can be used{}, and a camera needs at least 3{} take 20, with the "
+      "only {} of {} images can be used{}, and a camera needs at least 3{} take 20, with the "
       "target tilted in several directions and in every part of the image",
       usable, images_.size(), because, count);
 }

@@ -154,7 +154,7 @@ struct Compositor::Impl {
   [[nodiscard]] Result<CompositeStats> read(const Stopwatch& since) {
     since.add_to(stats.readback_ms, stats.readback_cpu_ms);
     if (const auto error = take_gl_error(context.info()))
-      return fail("while the picture is read back: {}", gl_error_text(*error));
+      return fail("while the image is read back: {}", gl_error_text(*error));
     return stats;
   }
 };

@@ -61,8 +61,8 @@ static_assert(kSkipTable.size() == static_cast<std::size_t>(SkipReason::count));
 // In the order of KeepReason.
 constexpr auto kKeepTable = std::to_array<ReasonEntry>({
     {"video", Subject::none, "video: the frame is on the GPU already"},
-    {"layer_mask", Subject::plane, "{0}: its mask is that of an earlier picture"},
-    {"phantom_mask", Subject::object, "{0}: the shadow of {1} on it is that of an earlier picture",
+    {"layer_mask", Subject::plane, "{0}: its mask is that of an earlier image"},
+    {"phantom_mask", Subject::object, "{0}: the shadow of {1} on it is that of an earlier image",
      Subject::object},
 });
 static_assert(kKeepTable.size() == static_cast<std::size_t>(KeepReason::count));

@@ -47,7 +47,7 @@ ImageFeed newest_image_feed(LiveSource& source) {
       }
       if (!frame) continue;
       NamedImage image;
-      image.name = "a picture";
+      image.name = "an image";
       image.frame = *frame;
       image.luma = luma(*frame, scratch);
       PENUMBRA_TRY(const bool more, visit(image));
@@ -153,7 +153,7 @@ class ImageChecker {
       height_ = image.luma.height;
     } else if (image.luma.width != width_ || image.luma.height != height_) {
       return fail(
-          "{}: is {} x {} px, but those before are {} x {}; give pictures of one camera and "
+          "{}: is {} x {} px, but those before are {} x {}; give images of one camera and "
           "one size",
           image.name, image.luma.width, image.luma.height, width_, height_);
     }

@@ -120,7 +120,7 @@ void print_summary(const CameraCalibration& calibration) {
   const CameraParameters& p = calibration.solution.camera.parameters();
   const Eigen::MatrixXd& covariance = calibration.solution.covariance;
   fmt::print(
-      "views: {} of {} pictures, {} corners, {} outliers\n"
+      "views: {} of {} images, {} corners, {} outliers\n"
       "fx {:.3f} +- {:.3f}  fy {:.3f} +- {:.3f}  cx {:.3f} +- {:.3f}  cy {:.3f} +- {:.3f} px\n",
       calibration.solution.views.size(), calibration.pictures.size(), calibration.solution.corners,
       calibration.solution.outliers, p.fx, std::sqrt(covariance(0, 0)), p.fy,
@@ -155,7 +155,7 @@ Result<std::vector<OutputFile>> create_outputs(const CalibrateOptions& options) 
 Result<void> check_comparable(const CalibrateOptions& options,
                               const std::optional<CameraModel>& earlier, int width, int height) {
   if (!earlier || (earlier->width() == width && earlier->height() == height)) return {};
-  return fail("{}: is of {} x {} px, but the pictures are {} x {}; name a calibration of this size",
+  return fail("{}: is of {} x {} px, but the images are {} x {}; name a calibration of this size",
               options.compare.string(), earlier->width(), earlier->height(), width, height);
 }
 
@@ -165,7 +165,7 @@ Result<void> read_images(const CalibrateOptions& options, const std::optional<Ca
   std::optional<ProgressBar> progress;
   PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& image) -> Result<bool> {
     if (!image.notice.empty()) log_warning("{}", image.notice);
-    if (!progress) progress.emplace(image.count, "pictures");
+    if (!progress) progress.emplace(image.count, "images");
     if (image.luma.empty()) {
       calibrator.add_unreadable(image.name, image.unreadable);
     } else if (auto same = check_comparable(options, earlier, image.luma.width, image.luma.height);
@@ -202,7 +202,7 @@ Result<ImageSize> first_image_size(const std::filesystem::path& recording) {
     return !size;
   }));
   if (!size) {
-    return fail("{}: none of its pictures can be read; give PNG or JPEG pictures of the target",
+    return fail("{}: none of its images can be read; give PNG or JPEG images of the target",
                 recording.string());
   }
   return *size;
@@ -244,7 +244,7 @@ Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& targe
                                 ? ""
                                 : fmt::format(" (most often: {})", captured.rejection_reason);
     return fail(
-        "{}: {} of {} picture{} {} taken{}, and a camera needs at least {} views; show the whole "
+        "{}: {} of {} image{} {} taken{}, and a camera needs at least {} views; show the whole "
         "target, sharp and still, tilted in several directions",
         options.source.string(), captured.views, captured.pictures,
         captured.pictures == 1 ? "" : "s", captured.views == 1 ? "was" : "were", why, kMinViews);

@@ -144,7 +144,7 @@ void note_unused_options(const ShadowOptions& options, ShadowJob& job) {
   no_use(options.show_kernels && !layered, "--show-kernels");
   if (options.show_kernels && layered && job.format != ShadowJob::Format::svg &&
       job.format != ShadowJob::Format::png) {
-    job.warnings.emplace_back("--show-kernels: is for a picture; give --output FILE.svg or .png");
+    job.warnings.emplace_back("--show-kernels: is for an image; give --output FILE.svg or .png");
   }
 }
 

@@ -46,7 +46,7 @@ Result<void> check_apart_from_record(const LiveRequest& request) {
   }
   if (request.output && output_kind(*request.output) == OutputKind::folder &&
       lies_in(*request.record, *request.output)) {
-    return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+    return fail("{}: lies in {}, which holds images and nothing else; name another place",
                 request.record->string(), request.output->string());
   }
   return {};

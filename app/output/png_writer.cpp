@@ -43,7 +43,7 @@ Result<void> check_replaceable(const fs::path& folder) {
     if (entry.symlink_status(error).type() != fs::file_type::regular ||
         !is_numbered_png(entry.path())) {
       return fail(
-          "{}: holds {}, which is not a numbered picture; name a new folder, or a file ending in "
+          "{}: holds {}, which is not a numbered image; name a new folder, or a file ending in "
           ".mkv or .mp4",
           folder.string(), entry.path().filename().string());
     }
@@ -127,7 +127,7 @@ Result<std::unique_ptr<FrameWriter>> create_png_writer(const fs::path& folder,
                                                        const FrameFormat& format) {
   const fs::path name = folder_name(folder);
   if (name.empty() || name == "." || name.filename() == ".." || name == name.root_path()) {
-    return fail("{}: cannot hold pictures and nothing else; name a new folder", folder.string());
+    return fail("{}: cannot hold images and nothing else; name a new folder", folder.string());
   }
   auto writer = std::make_unique<PngWriter>(format);
   PENUMBRA_TRY_VOID(writer->prepare(name));

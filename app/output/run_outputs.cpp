@@ -50,7 +50,7 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
     }
     if (output != request.output && request.output &&
         output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
-      return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+      return fail("{}: lies in {}, which holds images and nothing else; name another place",
                   output->string(), request.output->string());
     }
     if (!fs::is_directory(*output, ignored)) taken.push_back(*output);

@@ -54,11 +54,11 @@ std::string save_screenshot_png(int width, int height, std::span<const std::uint
                                 const std::optional<std::filesystem::path>& recording) {
   const std::filesystem::path file = free_name(".png");
   if (recording && lies_in(file, *recording)) {
-    return "this folder is the recording that is played; start elsewhere to save pictures";
+    return "this folder is the recording that is played; start elsewhere to save images";
   }
   if (auto saved = save_png(file, width, height, rgba); !saved) return saved.error().message;
   std::error_code ignored;
-  return "picture saved: " + std::filesystem::absolute(file, ignored).string();
+  return "screenshot saved: " + std::filesystem::absolute(file, ignored).string();
 }
 
 std::string SessionHost::save_screenshot() {

@@ -72,7 +72,7 @@ Result<std::vector<WindowEvent>> ScriptedParticipant::events_of(const ScriptActi
                         pixel.x() <= view.camera->width() - 1 &&
                         pixel.y() <= view.camera->height() - 1;
     if (!inside) {
-      return fail("{}: line {}: pixel {:.1f} {:.1f} is outside of the picture", script_.name,
+      return fail("{}: line {}: pixel {:.1f} {:.1f} is outside of the image", script_.name,
                   action.line, pixel.x(), pixel.y());
     }
     pointer_ = window_from_image(*view.camera, window, pixel);

@@ -220,7 +220,7 @@ struct Overlay::Impl {
   // Shows the pose's status; returns the rate and age of the frames.
   static std::string pose_status(const HudState& state, int rate_digits) {
     const HudStatus status = status_of(state.pose);
-    text(status.color, state.has_image ? status.text : "waiting for the first picture");
+    text(status.color, state.has_image ? status.text : "waiting for the first frame");
     if (state.paused) {
       ImGui::SameLine();
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
@@ -291,7 +291,7 @@ struct Overlay::Impl {
         {"Panels P", WindowCommand::panels},
         {"Debug D", WindowCommand::debug},
         {state.paused ? "Go on" : "Pause", WindowCommand::pause},
-        {"Picture S", WindowCommand::screenshot}};
+        {"Screenshot S", WindowCommand::screenshot}};
     if (state.live) {
       buttons.emplace_back(state.recording ? "Stop rec. R" : "Record R", WindowCommand::record);
     }
@@ -331,7 +331,7 @@ struct Overlay::Impl {
         {technique_text(state.nodes) + "###technique", WindowCommand::next_technique},
         {fmt::format("{}###drag", name_of(state.drag)), next_drag(state.drag)},
         {state.paused ? "go on###pause" : "pause###pause", WindowCommand::pause},
-        {"picture", WindowCommand::screenshot}};
+        {"image", WindowCommand::screenshot}};
     if (state.live) {
       buttons.emplace_back(state.recording ? "stop rec###record" : "record###record",
                            WindowCommand::record);
@@ -343,7 +343,7 @@ struct Overlay::Impl {
     buttons.emplace_back("hide", WindowCommand::hud);
     // The longest text determines the number of rows: no button moves when its text changes.
     float widest = 0.0F;
-    for (const char* label : {"layered", "picture", "go on", "stop rec", "panels"}) {
+    for (const char* label : {"layered", "image", "go on", "stop rec", "panels"}) {
       widest = std::max(widest, ImGui::CalcTextSize(label).x + 0.2F * em);
     }
     const auto width_of = [&](std::size_t in_row) {
@@ -509,10 +509,10 @@ struct Overlay::Impl {
     begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F}, kScrolled);
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(max_width - em);
-    text(fmt::format(
-        "this picture: {} passes ({} calls), {} skipped; shadows: {} computed, {} reused",
-        s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
-        s[Counter::triples_recomputed], s[Counter::reprojections]));
+    text(
+        fmt::format("this frame: {} passes ({} calls), {} skipped; shadows: {} computed, {} reused",
+                    s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
+                    s[Counter::triples_recomputed], s[Counter::reprojections]));
     std::string work;
     for (const auto& [name, count] : state.work) {
       work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);

@@ -340,7 +340,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   html += fmt::format(
       "<div class=\"row\"><div>{}</div><div><table>"
       "<tr><td>date</td><td>{}</td></tr><tr><td>target</td><td>{}</td></tr>"
-      "<tr><td>views</td><td>{} of {} pictures</td></tr>"
+      "<tr><td>views</td><td>{} of {} images</td></tr>"
       "<tr><td>corners</td><td>{}, {} rejected as outliers</td></tr>"
       "<tr><td>residual</td><td>{:.3f} px RMS ({:.3f} px per axis)</td></tr>"
       "<tr><td>held-out views</td><td>{}</td></tr>"
@@ -416,7 +416,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   }
 
   html +=
-      "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
+      "<h2>Views</h2><table><tr><th></th><th>image</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
   constexpr int kMaxPerReason = 30;
   const auto reported = images_to_report(c.pictures, kMaxPerReason);

@@ -217,7 +217,7 @@ void judge(CameraCalibration& result) {
     // There is no other likely cause.
     if (!(sigma <= kGoodProjection_px) && !has_gaps && result.tilt_spread_deg >= kGoodTilt_deg) {
       result.advice.push_back(
-          fmt::format("take more views: from near, so that the target fills the picture, tilted to "
+          fmt::format("take more views: from near, so that the target fills the image, tilted to "
                       "every side{}",
                       worst.empty() ? std::string() : ", and near " + worst));
     }

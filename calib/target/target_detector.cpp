@@ -420,7 +420,7 @@ Result<TargetDetector> TargetDetector::create(const Target& target) {
 TargetView TargetDetector::detect(ImageView luma) {
   TargetView view;
   if (luma.empty() || luma.width < 32 || luma.height < 32) {
-    view.problem = "the picture is too small";
+    view.problem = "the image is too small";
     return view;
   }
   view = target_.kind == TargetKind::tags         ? detect_tags(luma)

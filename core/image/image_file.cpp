@@ -29,7 +29,7 @@ template <class Jpeg, class Png>
 auto decode_by_kind(std::span<const std::uint8_t> bytes, const std::string& name, const Jpeg& jpeg,
                     const Png& png) -> decltype(png()) {
   constexpr std::array<std::uint8_t, 8> kPng{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
-  if (bytes.empty()) return fail("{}: the picture is empty (0 bytes)", name);
+  if (bytes.empty()) return fail("{}: the image is empty (0 bytes)", name);
   const bool is_png =
       bytes.size() >= kPng.size() && std::equal(kPng.begin(), kPng.end(), bytes.begin());
   if (!is_png && !is_jpeg(bytes))
@@ -37,7 +37,7 @@ auto decode_by_kind(std::span<const std::uint8_t> bytes, const std::string& name
   try {
     return is_png ? png() : jpeg();
   } catch (const std::bad_alloc&) {
-    return fail("{}: no memory for the picture", name);
+    return fail("{}: no memory for the image", name);
   }
 }
 
@@ -243,10 +243,10 @@ Result<void> write_png(const std::filesystem::path& file,
 }  // namespace
 
 Result<void> check_image_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
-  if (width == 0 || height == 0) return fail("{}: picture of {}x{} px", name, width, height);
+  if (width == 0 || height == 0) return fail("{}: image of {}x{} px", name, width, height);
   if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
-    return fail("{}: picture of {}x{} px; sides go up to {} px and pictures up to {} Mpx", name,
-                width, height, kMaxSide, kMaxPixels / 1'000'000);
+    return fail("{}: image of {}x{} px; sides go up to {} px and images up to {} Mpx", name, width,
+                height, kMaxSide, kMaxPixels / 1'000'000);
   }
   return {};
 }

@@ -45,7 +45,7 @@ std::optional<unsigned> take_gl_error(const GlInfo& context) {
 std::string gl_error_text(unsigned code) {
   switch (code) {
     case GL_OUT_OF_MEMORY:
-      return "the graphics driver is out of memory; use a smaller picture or smaller models";
+      return "the graphics driver is out of memory; use a smaller image or smaller models";
     case GL_CONTEXT_LOST:
       return "the graphics driver was reset and lost its data; start again";
     case GL_INVALID_ENUM:

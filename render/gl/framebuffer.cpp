@@ -11,7 +11,7 @@ namespace {
 
 tl::unexpected<Error> too_large(int width, int height, int largest) {
   return fail(
-      "a picture of {} x {} px is too large for this graphics driver (at most {} px); use a "
+      "an image of {} x {} px is too large for this graphics driver (at most {} px); use a "
       "smaller size",
       width, height, largest);
 }

@@ -246,7 +246,7 @@ TEST_F(ReplayInput, RejectsOutputsInsideRecording) {
                  {"recording"});
   expect_failure(penumbra({"replay", recording(), "--output", file("out"), "--poses",
                            file("out") / "poses.tum"}),
-                 {"out", "pictures and nothing else"});
+                 {"out", "images and nothing else"});
   EXPECT_EQ(contents_of(recording() / "frames"), before);
   EXPECT_EQ(contents_of(recording()).size(), entries);
   EXPECT_FALSE(fs::exists(file("out")));

@@ -194,8 +194,8 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   expect_refused(calibrate(folder() / "nowhere", grid), "no such folder");
   const auto broken = folder() / "broken";
   std::filesystem::create_directories(broken);
-  for (int i = 0; i < 5; ++i) test::write_text(broken / (std::to_string(i) + ".png"), "no picture");
-  expect_refused(calibrate(broken, chessboard), "none of 5 pictures can be read");
+  for (int i = 0; i < 5; ++i) test::write_text(broken / (std::to_string(i) + ".png"), "no image");
+  expect_refused(calibrate(broken, chessboard), "none of 5 images can be read");
   const auto mixed = folder() / "pictures";
   test::write_text(mixed / "999999.jpg", test::jpeg_of(1));
   expect_refused(calibrate(mixed, grid), "64 x 48");
@@ -220,7 +220,7 @@ TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
                    "tagSpacing: 0.3\n");
   const auto result = calibrate(pictures, grid);
   expect_refused(result, "black border of two cells");
-  EXPECT_THAT(result.err, HasSubstr("3 of 3 pictures"));
+  EXPECT_THAT(result.err, HasSubstr("3 of 3 images"));
 }
 
 TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
@@ -232,7 +232,7 @@ TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
   const auto result =
       calibrate(source, source / "chessboard.yaml",
                 {"--compare", earlier.string(), "--report", (folder() / "report.html").string()});
-  expect_refused(result, "earlier.yaml: is of 1280 x 480 px, but the pictures are 640 x 480");
+  expect_refused(result, "earlier.yaml: is of 1280 x 480 px, but the images are 640 x 480");
   EXPECT_FALSE(std::filesystem::exists(folder() / "report.html"));
   EXPECT_EQ(result.out, "") << "no calibration must be printed";
 }
@@ -352,7 +352,7 @@ TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("rejected: 000002.png"));
   EXPECT_THAT(result.out, HasSubstr("rejected: 000007.png"));
-  EXPECT_THAT(result.out, HasSubstr("of 12 pictures"));
+  EXPECT_THAT(result.out, HasSubstr("of 12 images"));
 }
 
 // Plays the calibration recording as a camera, like a hand-held target: each image is repeated.

@@ -245,7 +245,7 @@ TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
     if (std::stoi(name.string()) % 2 == 0) {
       std::filesystem::copy(entry.path(), camera / "frames" / name);
     } else {
-      std::ofstream(camera / "frames" / name) << "no picture";
+      std::ofstream(camera / "frames" / name) << "no image";
     }
     ++frames;
   }
@@ -295,7 +295,7 @@ TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
       listing << fmt::format("{},{:.6f},{}\n", i, 0.05 * i, name);
       const bool narrow = i >= 6 && i < 12;
       std::filesystem::copy(camera / ((narrow ? "narrow" : "right") + ending), camera / name);
-      if (i >= 18 && i < 24) std::ofstream(camera / name) << "no picture";
+      if (i >= 18 && i < 24) std::ofstream(camera / name) << "no image";
     }
     listing.close();
     const auto session = temporary.path() / "session";
@@ -489,7 +489,7 @@ TEST(ReplayCommand, KeepsEarlierOutputsWhenRecordingIsDamaged) {
   std::ofstream(path("out.tum")) << "1 0 0 0 0 0 0 1\n";
   const std::string before = test::bytes_of(path("out.tum"));
   std::filesystem::remove(path("played/frames/000030.jpg"));
-  std::ofstream(path("played/frames/000030.jpg")) << "no picture";
+  std::ofstream(path("played/frames/000030.jpg")) << "no image";
   const auto done = penumbra({"replay", path("played"), "--no-window", "--poses", path("out.tum"),
                               "--report", path("report.json")});
   test::expect_failure(done, {"000030.jpg"});
@@ -573,7 +573,7 @@ TEST(LiveCommand, RejectsOutputsInsideRecordedSession) {
   }
   test::expect_failure(
       penumbra(live({"--output", path("pictures"), "--record", path("pictures/session")})),
-      {"pictures/session", "pictures and nothing else"});
+      {"pictures/session", "images and nothing else"});
   EXPECT_TRUE(std::filesystem::is_empty(temporary.path()));
 }
 

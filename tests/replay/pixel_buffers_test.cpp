@@ -142,7 +142,7 @@ TEST_F(PixelBufferOption, LeavesSameFilesAfterError) {
   std::filesystem::copy(bundled("tabletop"), path("played"),
                         std::filesystem::copy_options::recursive);
   std::filesystem::remove(path("played/frames/000030.jpg"));
-  write_text(path("played/frames/000030.jpg"), "no picture");
+  write_text(path("played/frames/000030.jpg"), "no image");
   for (const char* threads : {"1", "2"}) {
     const std::vector<std::string> arguments = {"replay", path("played"), "--frames",
                                                 "26:34",  "--threads",    threads};

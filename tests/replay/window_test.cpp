@@ -276,7 +276,7 @@ TEST(Window, NeverSavesIntoPlayedRecording) {
     const ProgramResult done =
         run_program(source_dir() / "tests" / "support" / "with-display", words, {}, played);
     ASSERT_EQ(done.exit_code, 0) << done.err;
-    EXPECT_NE(done.err.find("start elsewhere to save pictures"), std::string::npos) << done.err;
+    EXPECT_NE(done.err.find("start elsewhere to save images"), std::string::npos) << done.err;
     if (command.front() == "live") {
       EXPECT_NE(done.err.find("start elsewhere to record"), std::string::npos) << done.err;
     }

@@ -257,7 +257,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
 
 Result<ToneEstimate> ToneEstimator::estimate() const {
   if (found_.size() < kMinImages) {
-    return fail("{} pictures with well exposed tags are too few for a tone curve; {} are enough",
+    return fail("{} images with well exposed tags are too few for a tone curve; {} are enough",
                 found_.size(), kMinImages);
   }
   std::vector<double> exponents;
@@ -294,7 +294,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
   }
   result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);
   if (!(result.sigma <= kMaxToneSigma)) {
-    return fail("the pictures leave the tone curve's exponent open by {:.2f}", result.sigma);
+    return fail("the images leave the tone curve's exponent open by {:.2f}", result.sigma);
   }
   return result;
 }

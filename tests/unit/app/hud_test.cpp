@@ -129,12 +129,12 @@ TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
                                    "kept: video: the frame is on the GPU already"));
   // The HUD shows at most kMaxReasons reasons.
   state.skipped.resize(kMaxReasons + 3, "leaf: outside the view");
-  state.kept.resize(kMaxReasons, "floor: its mask is that of an earlier picture");
+  state.kept.resize(kMaxReasons, "floor: its mask is that of an earlier image");
   const std::vector<std::string> lines = reason_lines(state);
   ASSERT_EQ(lines.size(), 2 * kMaxReasons + 1);
   EXPECT_EQ(lines[kMaxReasons - 1], "skipped: leaf: outside the view");
   EXPECT_EQ(lines[kMaxReasons], "skipped: 3 more");
-  EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier picture");
+  EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier image");
 }
 
 TEST(Hud, FormatsTranslucency) {

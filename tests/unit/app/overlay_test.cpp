@@ -27,7 +27,7 @@ HudState busy_state() {
   state.has_image = true;
   state.frame = 117;
   state.pose.status = TrackStatus::uncertain;
-  state.pose.reason = not_measured("two poses explain the picture");
+  state.pose.reason = not_measured("two poses explain the image");
   state.pose.tags_used = 12;
   state.pose.reprojection_rms_px = 0.213;
   state.pose.predicted_overlay_error_px = 2.61;
@@ -45,7 +45,7 @@ HudState busy_state() {
   state.twists = {{"helicopter", {2000, 12, 0.013}, 0.004}};
   state.work = {{"shadow_vertices", 8124}, {"kernel_generations", 3}, {"reprojections", 114}};
   state.selected = "helicopter";
-  state.message = "picture saved: penumbra-20260131-142305.png";
+  state.message = "screenshot saved: penumbra-20260131-142305.png";
   return state;
 }
 

@@ -287,7 +287,7 @@ TEST(ScriptedParticipant, PointsAtScriptedPositions) {
   EXPECT_FALSE(participant.has_more(1));
   const auto outside = participant.events_of(*participant.take(2, kSecond), view, window);
   ASSERT_FALSE(outside);
-  EXPECT_NE(outside.error().message.find("outside of the picture"), std::string::npos);
+  EXPECT_NE(outside.error().message.find("outside of the image"), std::string::npos);
   const auto accept = participant.events_of(*participant.take(2, kSecond), view, window);
   ASSERT_TRUE(accept);
   EXPECT_EQ(accept->front().kind, WindowEvent::Kind::key_down);

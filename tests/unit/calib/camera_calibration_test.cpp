@@ -127,7 +127,7 @@ TEST(CameraCalibrator, FreesSurplusImagesOfLongSweep) {
   auto calibrator =
       CameraCalibrator::create(tag_target(TagMap::make(board).value()).value(), options);
   for (const GreyImage& image : sweep) {
-    EXPECT_TRUE(calibrator->add("a picture", image.view()));
+    EXPECT_TRUE(calibrator->add("an image", image.view()));
     EXPECT_LE(calibrator->images_in_memory(), 2 * options.max_views);
   }
   std::vector<SolvingStep> steps;

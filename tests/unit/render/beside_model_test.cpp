@@ -14,7 +14,7 @@ using namespace std::string_view_literals;
 
 TEST(ModelResourcePath, KeepsRelativePaths) {
   for (const std::string name :
-       {"t.png", "pictures/t.png", "my picture.png", "a/b:c.png", "..t.png", "a/t..png"}) {
+       {"t.png", "pictures/t.png", "my image.png", "a/b:c.png", "..t.png", "a/t..png"}) {
     EXPECT_EQ(model_resource_path("m", name).value(), "m/" + name);
     EXPECT_FALSE(leaves_folder(name)) << name;
   }

@@ -229,7 +229,7 @@ TEST(ToneEstimator, FailsForTooFewImages) {
     EXPECT_TRUE(estimator.add(views.picture(k, power(1.4), 2.0).view(), views.start(k)));
   const auto estimate = estimator.estimate();
   ASSERT_FALSE(estimate);
-  EXPECT_NE(estimate.error().message.find("4 pictures"), std::string::npos);
+  EXPECT_NE(estimate.error().message.find("4 images"), std::string::npos);
 }
 
 TEST(ToneEstimator, RejectsUninformativeImages) {
