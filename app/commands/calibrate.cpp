@@ -224,7 +224,7 @@ Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& targe
   ImageSize size;
   if (recording) {
     PENUMBRA_TRY(size, first_image_size(*recording));
-    // A view must add as much as the final view of a full set: sigma falls as 1 / sqrt(views).
+    // The gain of the final view of a full set, because sigma falls as 1 / sqrt(views).
     capture.guide.min_gain = 0.5 / options.views;
   } else {
     PENUMBRA_TRY(camera, open_live_source(options.camera));
