@@ -197,6 +197,9 @@ void check_options(const CLI::App& command, const EvaluateOptions& options) {
   constexpr std::array kOfHalves = {"--plot", "--tracking", "--pose-budget",
                                     "--no-background-search"};
   if (halves) {
+    if (options.plot && !is_stream(*options.plot) && lower_extension(*options.plot) != ".svg")
+      usage_error("--plot", "{}: the plot is written as SVG; end the name in .svg",
+                  options.plot->string());
     for (const char* option : kOfTruth) {
       if (command.count(option) > 0) usage_error(option, "is not used with --split-half");
     }
@@ -250,8 +253,9 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   const auto take_json = [options](const std::string& file) {
     options->json = file.empty() ? "-" : file;
   };
-  add_text_option(command, "--json", "[FILE.json]", take_json,
-                  "JSON instead of a table, or - ; with a file: beside the table")
+  add_text_option(
+      command, "--json", "[FILE.json]", take_json,
+      "JSON on standard output instead of the table; with a file: JSON there, and the table")
       ->expected(0, 1);
   add_option(command, "--plot", "FILE.svg", options->plot,
              "Plot of --split-half: errors over the frames, causes of the residuals");

@@ -219,7 +219,8 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"calibrate", "pictures", "--target", "t.yaml", "--output",
                                  "c.yaml", "--keep", "views"},
         std::vector<std::string>{"evaluate"},
-        std::vector<std::string>{"evaluate", "--estimated", "a.tum"}),
+        std::vector<std::string>{"evaluate", "--estimated", "a.tum"},
+        std::vector<std::string>{"evaluate", "--split-half", "r", "--plot", "halves.png"}),
     [](const auto& test) {
       std::string name = fmt::format("{}", fmt::join(test.param, "_"));
       std::ranges::replace_if(
