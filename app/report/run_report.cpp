@@ -97,7 +97,7 @@ Json groups_json(const std::vector<GroupReport>& groups) {
   return json;
 }
 
-// Turns "expected error 2.7 px" into "expected error N px".
+// Turns "predicted error 2.7 px" into "predicted error N px".
 std::string without_numbers(const std::string& reason) {
   std::string text;
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };

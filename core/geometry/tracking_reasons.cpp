@@ -12,12 +12,12 @@ constexpr auto kPoseCauseTexts = std::to_array<std::string_view>({
     "",
     "{1}",
     "two poses fit",
-    "the tags contradict each other",
+    "the tags are inconsistent with each other",
     "the tags do not fit the map ({0:.1f} px)",
     "the table's centre is out of sight",
     "the camera file knows its lens to {0:.1f} px only; calibrate it from more views",
-    "the few tags in view do not lie as the map says: expected error {0:.1f} px",
-    "expected error {0:.1f} px",
+    "the few tags in view are inconsistent with the map: predicted error {0:.1f} px",
+    "predicted error {0:.1f} px",
     "the table is uncertain: {1}",
 });
 static_assert(kPoseCauseTexts.size() == static_cast<std::size_t>(PoseCause::uncertain_table) + 1);

@@ -54,7 +54,7 @@ TEST_F(PoseConfidence, TracksPoseBelowLimit) {
 TEST_F(PoseConfidence, IsUncertainAboveLimit) {
   const AssessedPose judged = judge(group_, measured(3.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
-  EXPECT_EQ(text_of(judged.estimate.reason), "expected error 3.0 px");
+  EXPECT_EQ(text_of(judged.estimate.reason), "predicted error 3.0 px");
   EXPECT_FALSE(judged.only_lens_uncertain);
 }
 
@@ -97,7 +97,7 @@ TEST_F(PoseConfidence, AttributesErrorToMapWhenItAddsError) {
   Measurement measurement = measured(3.0);
   measurement.map_px = 2.9;
   EXPECT_THAT(text_of(judge(group_, measurement, std::nullopt).estimate.reason),
-              HasSubstr("do not lie as the map says"));
+              HasSubstr("are inconsistent with the map"));
 }
 
 TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseForMissedTags) {
