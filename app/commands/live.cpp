@@ -22,8 +22,8 @@ Result<ExitCode> live(const LiveOptions& options) {
   PENUMBRA_TRY_VOID(complete(request));
   if (request.camera.calibration.empty()) {
     return fail(
-        "--calibration: no camera is calibrated yet; name the camera's camera.yaml, which "
-        "penumbra calibrate makes");
+        "--calibration is required: name the camera.yaml that penumbra calibrate writes for this "
+        "camera");
   }
   PENUMBRA_TRY(request.tags,
                tags_for_camera(options.tags, request.camera.source, request.camera.calibration));

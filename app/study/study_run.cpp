@@ -351,7 +351,9 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   if (request.script) {
     PENUMBRA_TRY(auto loaded, load_study_script(*request.script));
     script.emplace(std::move(loaded));
-  } else if (!request.window || !display_available()) {
+  } else if (!request.window) {
+    return fail("--no-window: needs --script FILE, a scripted participant");
+  } else if (!display_available()) {
     return fail(
         "a study needs a window, and there is no display (DISPLAY is not set); open one, or give "
         "--script FILE for a scripted participant");
