@@ -36,19 +36,19 @@ struct FullRun {
   std::vector<FrameCorners> corners;
   std::vector<std::size_t> corner_frames;  // index in `poses` for each element of `corners`
   std::vector<int> frames_seen;            // by tag
-  int most_in_view = 0;
+  int max_in_view = 0;
   std::string reason;  // of the last frame that is not tracked
 };
 
-// Calls `take(index, frame)` for every frame.
+// Calls `visit(index, frame)` for every frame.
 Result<void> for_each_frame(const Recording& recording, InterruptWatch& interrupt, const char* what,
-                            const std::function<void(int, const Frame&)>& take) {
+                            const std::function<void(int, const Frame&)>& visit) {
   PENUMBRA_TRY(auto source, open_recording_source(recording));
   ProgressBar progress(source->frame_count().value_or(0), what);
   for (int index = 0;; ++index) {
     PENUMBRA_TRY(const auto frame, source->next());
     if (!frame) return {};
-    take(index, *frame);
+    visit(index, *frame);
     progress.update(index + 1);
     if (interrupt.interrupted())
       return fail("{}: ended early; nothing was reported", recording.folder.string());
@@ -110,7 +110,7 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
   FullRun run;
   run.frames_seen.assign(tags.size(), 0);
   std::vector<std::uint8_t> scratch;
-  const auto take = [&](int index, const Frame& frame) {
+  const auto visit = [&](int index, const Frame& frame) {
     const PoseEstimate estimate = tracker.track(frame).pose;
     const bool tracked = estimate.status == TrackStatus::tracked;
     run.poses.push_back({frame.timestamp_ns, std::nullopt});
@@ -118,7 +118,7 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
     if (!estimate.has_pose() || estimate.tags_used == 0) return;
     const MapFromCamera pose = as_map_pose(estimate.T_table_camera);
     const std::vector<std::size_t> in_view = meter.in_view(pose);
-    run.most_in_view = std::max(run.most_in_view, static_cast<int>(in_view.size()));
+    run.max_in_view = std::max(run.max_in_view, static_cast<int>(in_view.size()));
     for (const std::size_t tag : in_view) ++run.frames_seen[tag];
     run.poses.back().pose = pose;
     if (index % std::max(step, 1) != 0) return;
@@ -126,7 +126,7 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
     run.corners.push_back(
         meter.measure(luma(frame, scratch), pose, velocity_at(run.poses, run.poses.size() - 1)));
   };
-  PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", take));
+  PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", visit));
   for (std::size_t i = 0; i < run.corners.size(); ++i)
     run.corners[i].velocity = velocity_at(run.poses, run.corner_frames[i]);
   return run;
@@ -136,15 +136,15 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
 Result<void> check_tags_in_view(const SplitHalfRequest& request, const FullRun& run) {
   const std::string name = request.recording.string();
   if (run.poses.empty()) return fail("{}: holds no frame", name);
-  if (run.most_in_view == 0) {
+  if (run.max_in_view == 0) {
     return fail("{}: no frame shows its tags: {}; name the right tag map with --tags FILE", name,
                 run.reason.empty() ? "none was found" : run.reason);
   }
-  if (run.most_in_view >= kMinSplitTags) return {};
+  if (run.max_in_view >= kMinSplitTags) return {};
   return fail(
       "{}: no frame shows more than {} tag{}, which is not sufficient: --split-half needs {} or "
       "more, half of them for each pose; record a sheet with more tags in view",
-      name, run.most_in_view, run.most_in_view == 1 ? "" : "s", kMinSplitTags);
+      name, run.max_in_view, run.max_in_view == 1 ? "" : "s", kMinSplitTags);
 }
 
 // Splits the tags that were seen. Returns indices into `tags`.
@@ -183,14 +183,14 @@ Result<std::vector<SplitReport>> track_halves(const SplitHalfRequest& request,
     PENUMBRA_TRY(auto second, tracker_of(camera, tags, splits[i][1], request.tracking));
     trackers.push_back({std::move(first), std::move(second)});
   }
-  const auto take = [&](int, const Frame& frame) {
+  const auto visit = [&](int, const Frame& frame) {
     for (std::size_t i = 0; i < splits.size(); ++i) {
       const PoseEstimate first = trackers[i][0].track(frame).pose;
       const PoseEstimate second = trackers[i][1].track(frame).pose;
       reports[i].frames.push_back(compare_halves(camera, frame.timestamp_ns, first, second));
     }
   };
-  PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", take));
+  PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", visit));
   return reports;
 }
 

@@ -1,9 +1,23 @@
 // Cameras for tests.
 #pragma once
 
+#include <optional>
+
 #include "core/camera/camera_model.hpp"
 
 namespace penumbra::test {
+
+// Returns a camera of 640 x 480 px without distortion. `overlay_sigma_px`: uncertainty of its lens.
+inline CameraModel pinhole_camera(std::optional<double> overlay_sigma_px = std::nullopt) {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = p.fy = 500.0;
+  p.cx = 320.0;
+  p.cy = 240.0;
+  p.overlay_sigma_px = overlay_sigma_px;
+  return CameraModel::make(p).value();
+}
 
 // A webcam of 640 x 480 px with typical distortion.
 inline CameraModel desk_camera() {

@@ -380,7 +380,7 @@ BlockFits fit_blocks(std::span<const FrameViews> frames, std::size_t tags,
 }
 
 // Copies the part of the sizes that belongs to a cause.
-void take_size(const CauseSizes& from, ErrorCause cause, CauseSizes& to) {
+void copy_size(const CauseSizes& from, ErrorCause cause, CauseSizes& to) {
   switch (cause) {
     case ErrorCause::paper:
       to.off_flat_m = from.off_flat_m;
@@ -456,7 +456,7 @@ void measure_causes(const CameraModel& camera, std::span<const MappedTag> tags,
         fits.sigma([&](const Eigen::VectorXd& x) { return size(x).focal_fraction; });
     sizes.row_time_sigma_s =
         fits.sigma([&](const Eigen::VectorXd& x) { return size(x).row_time_s; });
-    take_size(sizes, static_cast<ErrorCause>(cause), result.sizes);
+    copy_size(sizes, static_cast<ErrorCause>(cause), result.sizes);
     const std::vector<Eigen::Index> unknowns = unknowns_of(bit(cause), fits.x.size());
     const auto overlay_of_cause = [&](const Eigen::VectorXd& x) {
       Eigen::VectorXd only = Eigen::VectorXd::Zero(x.size());

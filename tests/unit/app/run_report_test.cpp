@@ -12,6 +12,7 @@
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/run/session_host.hpp"
+#include "support/cameras.hpp"
 
 namespace penumbra {
 namespace {
@@ -259,15 +260,6 @@ TEST(RunReport, HasEveryDocumentedField) {
   EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
 }
 
-CameraModel pinhole() {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = p.fy = 500.0;
-  p.cx = 320.0;
-  p.cy = 240.0;
-  return CameraModel::make(p).value();
-}
 // Camera 1 m above the table that looks straight down: camera x = table x, camera y = -table y.
 const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
 
@@ -278,20 +270,20 @@ TEST(RunReport, CountsReasonsOfUntrackedFrames) {
     if (*reason != 0) frame.tracked.pose.reason = not_measured(reason);
     run.add_frame(frame);
   };
-  add(TrackStatus::uncertain, "expected error 2.7 px");
+  add(TrackStatus::uncertain, "predicted error 2.7 px");
   for (int i = 0; i < 3; ++i)
     add(TrackStatus::lost, "24 tags in view, none of them of this board (--tags)");
-  add(TrackStatus::uncertain, "expected error 13.1 px");
+  add(TrackStatus::uncertain, "predicted error 13.1 px");
   add(TrackStatus::held, "");
   const RunReport none = run.report();
   const Json counts = Json::parse(report_json(none))["tracking"]["not_tracked"];
   EXPECT_EQ(counts, Json({{"N tags in view, none of them of this board (--tags)", 3},
-                          {"expected error N px", 2},
+                          {"predicted error N px", 2},
                           {"other", 1}}));
   EXPECT_THAT(report_table(none),
               testing::HasSubstr("not tracked: 24 tags in view, none of them of this board "
                                  "(--tags) (3 frames, numbers of the first)\n"
-                                 "not tracked: expected error 2.7 px (2 frames, numbers of the "
+                                 "not tracked: predicted error 2.7 px (2 frames, numbers of the "
                                  "first)\n"
                                  "not tracked: other (1 frame)\n"));
   EXPECT_THAT(report_table(none), testing::HasSubstr("no frame was tracked"));
@@ -320,7 +312,7 @@ TEST(RunReport, SuggestsCameraFileWhenTagsFitNoPose) {
 }
 
 TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
-  const CameraModel camera = pinhole();
+  const CameraModel camera = test::pinhole_camera();
   const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});
   Trajectory truth;
   for (int i = 0; i < 10; ++i) truth.poses.push_back({i * 100'000'000LL, kAbove, {}});
@@ -341,7 +333,7 @@ TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
 
 // A group's errors are measured at its centre, where its objects are drawn.
 TEST(RunReport, ReportsGroupCountsAndErrors) {
-  const CameraModel camera = pinhole();
+  const CameraModel camera = test::pinhole_camera();
   Trajectory truth;
   Trajectory group_poses;
   RunRecorder run({.camera = {}, .keep_paths = true});
@@ -394,7 +386,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
 
 // A live session may run without end, so memory must not grow after the first thousands of frames.
 TEST(RunReport, UsesConstantMemoryForManyFrames) {
-  RunRecorder run({.camera = pinhole(), .keep_paths = false});
+  RunRecorder run({.camera = test::pinhole_camera(), .keep_paths = false});
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, true);
   frame.tracked.pose.T_table_camera = kAbove;
   GroupEstimate& group = frame.tracked.groups.emplace_back();

@@ -7,23 +7,13 @@
 #include <numbers>
 #include <random>
 
+#include "support/cameras.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
 namespace {
 
 // A camera with a focal length of 500 px and no distortion.
-CameraModel pinhole() {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 500.0;
-  p.fy = 500.0;
-  p.cx = 320.0;
-  p.cy = 240.0;
-  return CameraModel::make(p).value();
-}
-
 // Camera straight above the table at height z that looks down. Its x axis is the table's x axis;
 // its y and z axes are opposite to the table's axes.
 CameraPose above(double x, double y, double z) {
@@ -56,7 +46,7 @@ TEST(Evaluation, MatchesHandComputedCornerShifts) {
   // Seen from 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px and
   // those at 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
   const OverlayDifference d =
-      overlay_difference(pinhole(), above(0.001, 0.0, 1.0), above(0.0, 0.0, 1.0));
+      overlay_difference(test::pinhole_camera(), above(0.001, 0.0, 1.0), above(0.0, 0.0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
     ASSERT_TRUE(d.valid[i]);
     const double expected = overlay_cube()[i].z() == 0.0 ? 0.5 : 0.625;
@@ -68,7 +58,7 @@ TEST(Evaluation, MatchesHandComputedCornerShifts) {
 
 TEST(Evaluation, IgnoresCornersBehindCamera) {
   const OverlayDifference d =
-      overlay_difference(pinhole(), above(0.0, 0.0, 0.1), above(0.0, 0.0, 0.1));
+      overlay_difference(test::pinhole_camera(), above(0.0, 0.0, 0.1), above(0.0, 0.0, 0.1));
   for (std::size_t i = 0; i < 8; ++i) EXPECT_EQ(d.valid[i], overlay_cube()[i].z() == 0.0);
   EXPECT_EQ(d.rms_px(), 0.0);
 }
@@ -76,7 +66,8 @@ TEST(Evaluation, IgnoresCornersBehindCamera) {
 TEST(Evaluation, GivesLargeErrorToPoseWithoutVisibleCorners) {
   // The estimated camera is below the table and looks away, so it sees no corner. The true camera
   // sees all.
-  const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));
+  const OverlayDifference d =
+      overlay_difference(test::pinhole_camera(), above(0, 0, -1.0), above(0, 0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
     EXPECT_TRUE(d.valid[i]);
     // The error is at least a quarter turn at 500 px per radian.
@@ -87,7 +78,7 @@ TEST(Evaluation, GivesLargeErrorToPoseWithoutVisibleCorners) {
   Trajectory estimated;
   truth.poses.push_back({0, above(0, 0, 1.0), {}});
   estimated.poses.push_back({0, above(0, 0, -1.0), {}});
-  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
   EXPECT_GT(e.overlay_px.median, 700.0);
   EXPECT_EQ(e.jitter_changes, 0) << "a single frame has no jitter value";
 }
@@ -103,7 +94,7 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   estimated.poses.push_back({4 * 33'333'000LL, above(0.0, 0.002, 1.0), {}});
   estimated.poses.push_back({9'000'000'000, above(0.0, 0.0, 5.0), {}});  // no truth at this time
 
-  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
   EXPECT_EQ(e.frames_with_truth, 5);
   EXPECT_EQ(e.frames_estimated, 5);
   EXPECT_EQ(e.frames_judged, 4);
@@ -142,7 +133,7 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
     const std::int64_t time = 3 * i * kInterval + kInterval / 2;
     estimated.poses.push_back({time, on_circle(time), {}});
   }
-  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
   EXPECT_EQ(e.frames_judged, 100);
   EXPECT_NEAR(e.translation_mm.rmse, 1e3 * kRadius * (1.0 - std::cos(kRate * 0.005)), 1e-9);
   EXPECT_NEAR(e.translation_mm.max, e.translation_mm.rmse, 1e-9);
@@ -151,9 +142,10 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
   // A clock offset of 20 ms shifts the estimate by the motion during 20 ms.
   Trajectory behind = estimated;
   for (StampedPose& pose : behind.poses) pose.timestamp_ns -= 20'000'000;
-  const Evaluation late = evaluate(pinhole(), behind, truth);
+  const Evaluation late = evaluate(test::pinhole_camera(), behind, truth);
   EXPECT_NEAR(late.translation_mm.median, 1e3 * 2.0 * kRadius * std::sin(kRate * 0.01), 0.02);
-  EXPECT_EQ(evaluate(pinhole(), behind, truth, {.time_offset_ns = 20'000'000}).translation_mm.rmse,
+  EXPECT_EQ(evaluate(test::pinhole_camera(), behind, truth, {.time_offset_ns = 20'000'000})
+                .translation_mm.rmse,
             e.translation_mm.rmse);
 }
 
@@ -163,7 +155,7 @@ TEST(Evaluation, CountsEachTruePoseOnce) {
   Trajectory estimated;
   for (int i = 0; i < 6; ++i) truth.poses.push_back({i * 90'000'000LL, above(0, 0, 1), {}});
   for (int i = 0; i < 30; ++i) estimated.poses.push_back({i * 30'000'000LL, above(0, 0, 1), {}});
-  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
   EXPECT_EQ(e.frames_judged, 16);
   EXPECT_EQ(e.frames_with_pose, 6);
   EXPECT_EQ(e.frames_with_truth, 6);
@@ -176,13 +168,15 @@ TEST(Evaluation, CountsUnevaluatedFramesByCause) {
     truth.poses.push_back({ms * 1'000'000LL, above(0, 0, 1), {}});
   for (const int ms : {-200, 10, 50, 100, 150, 280, 500, 600})
     estimated.poses.push_back({ms * 1'000'000LL, above(0, 0, 1), {}});
-  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
   EXPECT_EQ(e.frames_estimated, 8);
   EXPECT_EQ(e.frames_judged, 3);
   EXPECT_EQ(e.frames_with_pose, 3);
   EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotEvaluated::outside_truth)], 3);
   EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotEvaluated::gap_too_long)], 2);
-  EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
+  EXPECT_EQ(
+      evaluate(test::pinhole_camera(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged,
+      5);
 }
 
 // The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. The expected values come
@@ -195,7 +189,7 @@ TEST(Evaluation, MatchesIndependentCalculation) {
   ASSERT_TRUE(estimated) << estimated.error().message;
   const auto truth = load_trajectory(folder / "truth-100Hz.tum");
   ASSERT_TRUE(truth) << truth.error().message;
-  const Evaluation e = evaluate(pinhole(), *estimated, *truth);
+  const Evaluation e = evaluate(test::pinhole_camera(), *estimated, *truth);
   EXPECT_EQ(e.frames_estimated, 20);
   EXPECT_EQ(e.frames_judged, 20);
   EXPECT_NEAR(e.translation_mm.rmse, 0.025489604531, 1e-9);
@@ -214,11 +208,11 @@ TEST(Evaluation, MeasuresRotationForEitherQuaternionSign) {
   // Adds the same rotation with the quaternion's sign flipped.
   estimated.poses.push_back(
       {0, CameraPose(Eigen::Quaterniond(-turned.rotation().coeffs()), turned.translation()), {}});
-  EXPECT_NEAR(evaluate(pinhole(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
+  EXPECT_NEAR(evaluate(test::pinhole_camera(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
 }
 
 TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
-  CameraParameters p = pinhole().parameters();
+  CameraParameters p = test::pinhole_camera().parameters();
   p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
   const CameraModel camera = CameraModel::make(p).value();
   const CameraPose looking_down(Eigen::Quaterniond(0.1, 0.98, 0.05, -0.1),

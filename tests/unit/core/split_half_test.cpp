@@ -9,20 +9,10 @@
 #include <random>
 
 #include "core/evaluation/evaluation.hpp"
+#include "support/cameras.hpp"
 
 namespace penumbra {
 namespace {
-
-CameraModel pinhole(std::optional<double> lens_px = std::nullopt) {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = p.fy = 500.0;
-  p.cx = 320.0;
-  p.cy = 240.0;
-  p.overlay_sigma_px = lens_px;
-  return CameraModel::make(p).value();
-}
 
 PoseEstimate tracked_at(double x_m, double sigma_m = 1e-3) {
   PoseEstimate pose;
@@ -34,7 +24,7 @@ PoseEstimate tracked_at(double x_m, double sigma_m = 1e-3) {
 }
 
 TEST(SplitHalf, DividesDifferenceBySqrt2) {
-  const CameraModel camera = pinhole();
+  const CameraModel camera = test::pinhole_camera();
   const PoseEstimate a = tracked_at(0.0);
   const PoseEstimate b = tracked_at(0.004);
   const HalfDifference result = compare_halves(camera, 7, a, b);
@@ -47,15 +37,16 @@ TEST(SplitHalf, DividesDifferenceBySqrt2) {
 TEST(SplitHalf, CombinesPredictionsWithoutTheLens) {
   const PoseEstimate a = tracked_at(0.0, 1e-3);
   const PoseEstimate b = tracked_at(0.0, 3e-3);
-  const double one_px = predicted_overlay_error_px(pinhole(), a.T_table_camera, a.covariance);
+  const double one_px =
+      predicted_overlay_error_px(test::pinhole_camera(), a.T_table_camera, a.covariance);
   // sqrt((1 + 9) / 2) times the error of 1 mm.
   for (const std::optional<double> lens_px : {std::optional<double>(), std::optional(1.5)})
-    EXPECT_NEAR(compare_halves(pinhole(lens_px), 0, a, b).predicted_px, std::sqrt(5.0) * one_px,
-                1e-9);
+    EXPECT_NEAR(compare_halves(test::pinhole_camera(lens_px), 0, a, b).predicted_px,
+                std::sqrt(5.0) * one_px, 1e-9);
 }
 
 TEST(SplitHalf, RejectsPosesThatCannotBeCompared) {
-  const CameraModel camera = pinhole();
+  const CameraModel camera = test::pinhole_camera();
   const auto rejection_of = [&](const auto& change) {
     PoseEstimate second = tracked_at(0.001);
     change(second);
@@ -93,7 +84,7 @@ TEST(SplitHalf, CountsFramesAndRatios) {
 
 TEST(SplitHalf, MeasuresErrorOfOneHalfIfErrorsAreIndependent) {
   // Two poses with independent errors: the RMS difference over sqrt 2 is the RMS error of one.
-  const CameraModel camera = pinhole();
+  const CameraModel camera = test::pinhole_camera();
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal(0.0, 1e-3);
   std::vector<HalfDifference> frames;
