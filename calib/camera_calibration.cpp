@@ -81,13 +81,13 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
   return 2.0 * slope;
 }
 
-std::vector<std::optional<int>> images_to_report(std::span<const CalibrationImage> pictures,
+std::vector<std::optional<int>> images_to_report(std::span<const CalibrationImage> images,
                                                  int limit) {
   std::map<ImageRejection, int> count;
-  for (const CalibrationImage& picture : pictures) ++count[picture.reason];
-  std::vector<std::optional<int>> reported(pictures.size());
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const ImageRejection reason = pictures[i].reason;
+  for (const CalibrationImage& image : images) ++count[image.reason];
+  std::vector<std::optional<int>> reported(images.size());
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const ImageRejection reason = images[i].reason;
     if (reason == ImageRejection::no || count[reason] == 0) continue;
     const bool many = count[reason] > limit;
     reported[i] = many ? count[reason] - 1 : 0;
@@ -117,38 +117,38 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     return fail("{}: is {} x {} px, but {} is {} x {}; give images of one camera and one size",
                 name, luma.width, luma.height, first_name_, width_, height_);
   }
-  CalibrationImage picture;
-  picture.name = name;
-  picture.width = luma.width;
-  picture.height = luma.height;
-  picture.view = detector_->detect(luma);
+  CalibrationImage image;
+  image.name = name;
+  image.width = luma.width;
+  image.height = luma.height;
+  image.view = detector_->detect(luma);
   ++candidates_;
-  if (!picture.view.corners.empty()) ++images_with_target_;
-  if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
+  if (!image.view.corners.empty()) ++images_with_target_;
+  if (4 * image.view.two_cell_tags > static_cast<int>(image.view.corners.size()))
     ++images_with_wide_tags_;
-  if (!picture.view.problem.empty()) {
+  if (!image.view.problem.empty()) {
     constexpr int kMaxImages = 8;
     detect_any_board(luma, kMaxImages);
-    reject(picture, ImageRejection::not_seen, problem_of(picture.view, luma));
+    reject(image, ImageRejection::not_seen, problem_of(image.view, luma));
   }
-  if (picture.left_out.empty()) {
+  if (image.left_out.empty()) {
     // A repeated view would count its errors twice. A hand's tremor exceeds this limit.
     const double min_distance_px = 0.002 * width_;
     for (const CalibrationImage& other : images_) {
       if (!other.left_out.empty() ||
-          corner_distance(picture.view.corners, other.view.corners) > min_distance_px)
+          corner_distance(image.view.corners, other.view.corners) > min_distance_px)
         continue;
-      reject(picture, ImageRejection::seen_before, fmt::format("the same view as {}", other.name));
+      reject(image, ImageRejection::seen_before, fmt::format("the same view as {}", other.name));
       break;
     }
   }
-  if (picture.left_out.empty()) {
-    picture.luma.reserve(static_cast<std::size_t>(luma.width) *
-                         static_cast<std::size_t>(luma.height));
+  if (image.left_out.empty()) {
+    image.luma.reserve(static_cast<std::size_t>(luma.width) *
+                       static_cast<std::size_t>(luma.height));
     for (int y = 0; y < luma.height; ++y)
-      picture.luma.insert(picture.luma.end(), luma.row(y), luma.row(y) + luma.width);
+      image.luma.insert(image.luma.end(), luma.row(y), luma.row(y) + luma.width);
   }
-  images_.push_back(std::move(picture));
+  images_.push_back(std::move(image));
   // Frees images, because long recordings do not fit into memory.
   if (candidates_ > 2 * options_.max_views) {
     reject_blurred();
@@ -198,32 +198,32 @@ std::optional<std::string> CameraCalibrator::other_board_advice() const {
       mode->second, mode->first[0], mode->first[1], target_.columns, target_.rows);
 }
 
-void CameraCalibrator::reject(CalibrationImage& picture, ImageRejection reason, std::string words) {
-  picture.reason = reason;
-  picture.left_out = std::move(words);
+void CameraCalibrator::reject(CalibrationImage& image, ImageRejection reason, std::string words) {
+  image.reason = reason;
+  image.left_out = std::move(words);
   --candidates_;
   if (reason != ImageRejection::seen_before && reason != ImageRejection::surplus) return;
   // Frees the memory; `= {}` would not.
-  picture.view.corners = std::vector<TargetCorner>();
-  picture.luma = std::vector<std::uint8_t>();
+  image.view.corners = std::vector<TargetCorner>();
+  image.luma = std::vector<std::uint8_t>();
 }
 
 void CameraCalibrator::add_unreadable(const std::string& name, const std::string& why) {
-  CalibrationImage picture;
-  picture.name = name;
-  picture.reason = ImageRejection::unreadable;
-  picture.left_out = why;
-  images_.push_back(std::move(picture));
+  CalibrationImage image;
+  image.name = name;
+  image.reason = ImageRejection::unreadable;
+  image.left_out = why;
+  images_.push_back(std::move(image));
 }
 
 Result<void> CameraCalibrator::check_found() const {
   if (images_.empty()) return fail("there are no images");
   std::map<std::string, int> reasons;
-  for (const CalibrationImage& picture : images_) {
-    if (picture.reason == ImageRejection::seen_before) {
+  for (const CalibrationImage& image : images_) {
+    if (image.reason == ImageRejection::seen_before) {
       ++reasons["the same view as another"];
-    } else if (picture.reason != ImageRejection::no) {
-      ++reasons[picture.left_out];
+    } else if (image.reason != ImageRejection::no) {
+      ++reasons[image.left_out];
     }
   }
   const int usable = candidates_;
@@ -240,7 +240,7 @@ Result<void> CameraCalibrator::check_found() const {
                                   ? ""
                                   : fmt::format(" ({} time{}: {})", mode->second,
                                                 mode->second == 1 ? "" : "s", mode->first);
-  if (std::ranges::all_of(images_, [](const auto& picture) { return picture.width == 0; })) {
+  if (std::ranges::all_of(images_, [](const auto& image) { return image.width == 0; })) {
     return fail("none of {} images can be read ({})", images_.size(), images_.front().left_out);
   }
   const bool too_few = usable < static_cast<int>(kMinViews);
@@ -279,10 +279,10 @@ Result<void> CameraCalibrator::check_markers() const {
   if (target_.kind != TargetKind::charuco) return {};
   std::vector<double> shares;
   std::vector<double> edges_px;
-  for (const CalibrationImage& picture : images_) {
-    if (!picture.left_out.empty() || !picture.view.markers) continue;
-    shares.push_back(picture.view.markers->share);
-    edges_px.push_back(picture.view.markers->edge_px);
+  for (const CalibrationImage& image : images_) {
+    if (!image.left_out.empty() || !image.view.markers) continue;
+    shares.push_back(image.view.markers->share);
+    edges_px.push_back(image.view.markers->edge_px);
   }
   if (shares.empty()) return {};
   const double nominal = target_.tags->tags().front().size_m / target_.square_m;
@@ -298,17 +298,16 @@ Result<void> CameraCalibrator::check_markers() const {
 
 void CameraCalibrator::reject_blurred() {
   std::vector<double> blurs;
-  for (const CalibrationImage& picture : images_) {
-    if (picture.left_out.empty() && picture.view.blur_px > 0.0)
-      blurs.push_back(picture.view.blur_px);
+  for (const CalibrationImage& image : images_) {
+    if (image.left_out.empty() && image.view.blur_px > 0.0) blurs.push_back(image.view.blur_px);
   }
   if (blurs.size() < 6) return;
   const double limit = std::max(2.0 * upper_median(blurs), 1.5);
-  for (CalibrationImage& picture : images_) {
-    if (!picture.left_out.empty() || picture.view.blur_px <= limit || candidates_ <= 4) continue;
-    reject(picture, ImageRejection::blurred,
+  for (CalibrationImage& image : images_) {
+    if (!image.left_out.empty() || image.view.blur_px <= limit || candidates_ <= 4) continue;
+    reject(image, ImageRejection::blurred,
            fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
-                       picture.view.blur_px, upper_median(blurs)));
+                       image.view.blur_px, upper_median(blurs)));
   }
 }
 
@@ -348,22 +347,22 @@ void CameraCalibrator::reject_surplus() {
 
 std::vector<CalibrationView> CameraCalibrator::used_views() {
   std::vector<CalibrationView> views;
-  for (CalibrationImage& picture : images_) {
-    picture.solved = -1;
-    if (!picture.left_out.empty()) continue;
-    picture.solved = static_cast<int>(views.size());
-    views.push_back({picture.name, picture.view.corners});
+  for (CalibrationImage& image : images_) {
+    image.solved = -1;
+    if (!image.left_out.empty()) continue;
+    image.solved = static_cast<int>(views.size());
+    views.push_back({image.name, image.view.corners});
   }
   return views;
 }
 
 void CameraCalibrator::refine_corners(const CalibrationSolution& solution) {
-  for (CalibrationImage& picture : images_) {
+  for (CalibrationImage& image : images_) {
     if (stop_.stop_requested()) return;
-    if (picture.solved < 0) continue;
-    picture.view =
-        detector_->refine(picture.picture(), picture.view, solution.camera,
-                          solution.views[static_cast<std::size_t>(picture.solved)].T_board_camera);
+    if (image.solved < 0) continue;
+    image.view =
+        detector_->refine(image.image(), image.view, solution.camera,
+                          solution.views[static_cast<std::size_t>(image.solved)].T_board_camera);
   }
 }
 
@@ -410,11 +409,11 @@ Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) 
   if (!target_.tags) return fail("a chessboard's corners do not show it, tags do");
   PENUMBRA_TRY(ToneEstimator estimator,
                ToneEstimator::create(result.solution.camera, target_.tags->tags()));
-  for (const CalibrationImage& picture : result.pictures) {
+  for (const CalibrationImage& image : result.images) {
     if (stop_.stop_requested()) return fail("ended early");
-    if (picture.solved < 0) continue;
-    const SolvedView& view = result.solution.views[static_cast<std::size_t>(picture.solved)];
-    estimator.add(picture.picture(), view.T_board_camera);
+    if (image.solved < 0) continue;
+    const SolvedView& view = result.solution.views[static_cast<std::size_t>(image.solved)];
+    estimator.add(image.image(), view.T_board_camera);
   }
   PENUMBRA_TRY(const ToneEstimate tone, estimator.estimate());
   CameraParameters parameters = result.solution.camera.parameters();
@@ -434,8 +433,8 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   if (board_searches_ > 0) {
     // A part of a larger board may have been detected as the target.
     constexpr int kMaxImages = 12;
-    for (const CalibrationImage& picture : images_) {
-      if (picture.left_out.empty()) detect_any_board(picture.picture(), kMaxImages);
+    for (const CalibrationImage& image : images_) {
+      if (image.left_out.empty()) detect_any_board(image.image(), kMaxImages);
     }
   }
   constexpr int kBefore = 3;  // steps before the lens choice
@@ -473,7 +472,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   result.solution = std::move(chosen->solution);
   result.held_out_px = chosen->held_out_px;
   PENUMBRA_TRY_VOID(check_solution(result.solution, views));
-  result.pictures = std::move(images_);
+  result.images = std::move(images_);
   result.other_board = other_board_advice();
   judge(result);
   report_step("tone curve", last);

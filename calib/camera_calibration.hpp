@@ -39,7 +39,7 @@ struct CalibrationImage {
   int width = 0;                   // [px]
   int height = 0;                  // [px]
   std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty if it was rejected early
-  [[nodiscard]] ImageView picture() const {
+  [[nodiscard]] ImageView image() const {
     return {luma.data(), luma.empty() ? 0 : width, height, width};
   }
 };
@@ -47,7 +47,7 @@ struct CalibrationImage {
 // Selects the unused images to report: all images of a reason, or only the first if there are more
 // than `limit`. Value: number of other images that the image represents; nullopt: not selected.
 [[nodiscard]] std::vector<std::optional<int>> images_to_report(
-    std::span<const CalibrationImage> pictures, int limit);
+    std::span<const CalibrationImage> images, int limit);
 
 // Projection uncertainty over the image: standard deviation along the worst direction [px].
 struct UncertaintyMap {
@@ -67,7 +67,7 @@ inline constexpr double kGoodProjection_px = 0.5;
 // Raises the map to the difference from another camera that explains the views equally well
 // (docs/calibration.md#verdict).
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
-                         std::span<const CalibrationImage> pictures);
+                         std::span<const CalibrationImage> images);
 
 // Distance between the projections of two cameras over the image of `a`. No rotation is fitted.
 struct ProjectionDifference {
@@ -89,7 +89,7 @@ enum class CalibrationGrade { good, usable, poor };
 
 struct CameraCalibration {
   CalibrationSolution solution;
-  std::vector<CalibrationImage> pictures;
+  std::vector<CalibrationImage> images;
   std::vector<ModelTrial> trials;
   std::optional<double> held_out_px;  // RMS error in held-out views
   // Advice to users if most images show a chessboard with other numbers of corners.
@@ -136,7 +136,7 @@ class CameraCalibrator {
   [[nodiscard]] Result<void> check_markers() const;
   void reject_blurred();
   void reject_surplus();
-  void reject(CalibrationImage& picture, ImageRejection reason, std::string words);
+  void reject(CalibrationImage& image, ImageRejection reason, std::string words);
   [[nodiscard]] std::vector<CalibrationView> used_views();
   void refine_corners(const CalibrationSolution& solution);
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,

@@ -300,7 +300,7 @@ class Planner {
   }
 
   [[nodiscard]] const Eigen::Vector4d& light_position_of(int light) const {
-    return plan_.lights[static_cast<std::size_t>(light)].place;
+    return plan_.lights[static_cast<std::size_t>(light)].position;
   }
   [[nodiscard]] LitCaster lit_caster(int object, int light) const {
     return {object,

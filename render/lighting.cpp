@@ -24,7 +24,7 @@ Lighting lighting_for(const Scene& scene, const SceneState& state) {
 
   Eigen::Vector3d on_table = lighting.sky;
   for (const PlacedLight& light : lights_or_default(state.lights)) {
-    const Eigen::Vector3d towards = light.place.head<3>();
+    const Eigen::Vector3d towards = light.position.head<3>();
     const double length = towards.norm();
     if (length > 0.0) on_table += std::max(towards.z() / length, 0.0) * light.color;
   }
@@ -41,7 +41,7 @@ LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& s
   if (!(ambient > Scene::kBrightRoomAmbient)) return fractions;
   double direct = 0.0;
   for (const PlacedLight& light : lights_or_default(lights)) {
-    const Eigen::Vector3d towards = light.place.head<3>() - light.place.w() * place;
+    const Eigen::Vector3d towards = light.position.head<3>() - light.position.w() * place;
     const double length = towards.norm();
     if (length > 0.0)
       direct += std::max(towards.dot(normal) / length, 0.0) * kLuminance.dot(light.color);

@@ -117,7 +117,7 @@ class ImageChecker {
   [[nodiscard]] Capture capture(CaptureEnd end) const {
     Capture capture;
     capture.end = guide_.progress().enough ? CaptureEnd::enough : end;
-    capture.pictures = images_checked_;
+    capture.images = images_checked_;
     capture.views = guide_.progress().views;
     int max_times = 0;
     for (const auto& [why, times] : reasons_) {

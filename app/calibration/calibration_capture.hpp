@@ -31,7 +31,7 @@ enum class CaptureEnd { enough, duration, no_more_images, closed, interrupted };
 
 struct Capture {
   CaptureEnd end = CaptureEnd::no_more_images;
-  int pictures = 0;              // number of images checked
+  int images = 0;                // number of images checked
   int views = 0;                 // number of these accepted as views
   std::string rejection_reason;  // most frequent reason for rejecting an image
 };

@@ -102,10 +102,10 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 
 void print_summary(const CameraCalibration& calibration) {
   constexpr int kMaxPerReason = 8;
-  const auto listed = images_to_report(calibration.pictures, kMaxPerReason);
+  const auto listed = images_to_report(calibration.images, kMaxPerReason);
   for (std::size_t i = 0; i < listed.size(); ++i) {
     if (!listed[i]) continue;
-    const CalibrationImage& image = calibration.pictures[i];
+    const CalibrationImage& image = calibration.images[i];
     const std::string more = *listed[i] > 0 ? fmt::format(" and {} more", *listed[i]) : "";
     fmt::print("rejected: {}{}: {}\n", image.name, more, image.left_out);
   }
@@ -122,13 +122,13 @@ void print_summary(const CameraCalibration& calibration) {
   fmt::print(
       "views: {} of {} images, {} corners, {} outliers\n"
       "fx {:.3f} +- {:.3f}  fy {:.3f} +- {:.3f}  cx {:.3f} +- {:.3f}  cy {:.3f} +- {:.3f} px\n",
-      calibration.solution.views.size(), calibration.pictures.size(), calibration.solution.corners,
+      calibration.solution.views.size(), calibration.images.size(), calibration.solution.corners,
       calibration.solution.outliers, p.fx, std::sqrt(covariance(0, 0)), p.fy,
       std::sqrt(covariance(1, 1)), p.cx, std::sqrt(covariance(2, 2)), p.cy,
       std::sqrt(covariance(3, 3)));
   if (const auto& tone = calibration.tone) {
     fmt::print("tone curve: light = grey ^ {:.2f} +- {:.2f}, by the tags' edges in {} views\n",
-               tone->exponent, tone->sigma, tone->pictures);
+               tone->exponent, tone->sigma, tone->images);
   } else {
     fmt::print("tone curve: not known: {}\n", calibration.tone_unknown);
   }
@@ -246,8 +246,8 @@ Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& targe
     return fail(
         "{}: {} of {} image{} {} taken{}, and a camera needs at least {} views; show the whole "
         "target, sharp and still, tilted in several directions",
-        options.source.string(), captured.views, captured.pictures,
-        captured.pictures == 1 ? "" : "s", captured.views == 1 ? "was" : "were", why, kMinViews);
+        options.source.string(), captured.views, captured.images, captured.images == 1 ? "" : "s",
+        captured.views == 1 ? "was" : "were", why, kMinViews);
   }
   if (captured.end == CaptureEnd::interrupted) {
     fmt::print("solving from {} views; Ctrl-C again ends it without a camera file\n",

@@ -32,13 +32,13 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
 }
 
 // Returns a reduced image as an 8-bit grey BMP, which needs no encoder.
-std::string thumbnail(const CalibrationImage& picture, int width) {
-  if (picture.luma.empty()) return {};
-  width = std::min(width, picture.width);
-  const int height = std::max(1, picture.height * width / picture.width);
+std::string thumbnail(const CalibrationImage& image, int width) {
+  if (image.luma.empty()) return {};
+  width = std::min(width, image.width);
+  const int height = std::max(1, image.height * width / image.width);
   const int stride = (width + 3) / 4 * 4;
   const std::uint32_t offset = 14 + 40 + 1024;
-  const ImageView image = picture.picture();
+  const ImageView luma = image.image();
   std::vector<std::uint8_t> bmp = {'B', 'M'};
   const auto put = [&](std::uint32_t value, int count) {
     for (int i = 0; i < count; ++i) bmp.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
@@ -59,13 +59,13 @@ std::string thumbnail(const CalibrationImage& picture, int width) {
         bmp.push_back(0);
         continue;
       }
-      const int x0 = x * picture.width / width;
-      const int x1 = std::max(x0 + 1, (x + 1) * picture.width / width);
-      const int y0 = y * picture.height / height;
-      const int y1 = std::max(y0 + 1, (y + 1) * picture.height / height);
+      const int x0 = x * image.width / width;
+      const int x1 = std::max(x0 + 1, (x + 1) * image.width / width);
+      const int y0 = y * image.height / height;
+      const int y1 = std::max(y0 + 1, (y + 1) * image.height / height);
       int sum = 0;
       for (int v = y0; v < y1; ++v) {
-        for (int u = x0; u < x1; ++u) sum += image.row(v)[u];
+        for (int u = x0; u < x1; ++u) sum += luma.row(v)[u];
       }
       bmp.push_back(static_cast<std::uint8_t>(sum / ((x1 - x0) * (y1 - y0))));
     }
@@ -109,11 +109,11 @@ std::string image_plot_begin(const CameraModel& camera) {
 std::string corners_plot(const CameraCalibration& c, double scale) {
   const double zoom = kPlotWidth / c.solution.camera.width();
   std::string svg = image_plot_begin(c.solution.camera);
-  for (const CalibrationImage& picture : c.pictures) {
-    if (picture.solved < 0) continue;
-    const SolvedView& view = c.solution.views[static_cast<std::size_t>(picture.solved)];
-    for (std::size_t i = 0; i < picture.view.corners.size() && i < view.residuals_px.size(); ++i) {
-      const Eigen::Vector2d at = zoom * (picture.view.corners[i].pixel + Eigen::Vector2d(0.5, 0.5));
+  for (const CalibrationImage& image : c.images) {
+    if (image.solved < 0) continue;
+    const SolvedView& view = c.solution.views[static_cast<std::size_t>(image.solved)];
+    for (std::size_t i = 0; i < image.view.corners.size() && i < view.residuals_px.size(); ++i) {
+      const Eigen::Vector2d at = zoom * (image.view.corners[i].pixel + Eigen::Vector2d(0.5, 0.5));
       const char* const paint = view.outlier[i] ? "#c33" : "#3169aa";
       svg += scale <= 0.0
                  ? fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"1.6\" fill=\"{}\"/>",
@@ -348,7 +348,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<tr><td>tilt between views</td><td>up to {:.0f}°</td></tr>"
       "<tr><td>blur of edges</td><td>{:.2f} px (sigma)</td></tr></table></div></div>\n",
       camera_table(c), in_markup(input.date), in_markup(input.target), c.solution.views.size(),
-      c.pictures.size(), c.solution.corners, c.solution.outliers, c.solution.rms_px,
+      c.images.size(), c.solution.corners, c.solution.outliers, c.solution.rms_px,
       c.solution.noise_px, c.held_out_px ? fmt::format("{:.3f} px RMS", *c.held_out_px) : "-",
       c.uncertainty.mean_px, c.uncertainty.largest_px, c.tilt_spread_deg, c.blur_px);
 
@@ -419,25 +419,25 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<h2>Views</h2><table><tr><th></th><th>image</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
   constexpr int kMaxPerReason = 30;
-  const auto reported = images_to_report(c.pictures, kMaxPerReason);
-  for (std::size_t i = 0; i < c.pictures.size(); ++i) {
-    const CalibrationImage& picture = c.pictures[i];
-    if (picture.reason != ImageRejection::no && !reported[i]) continue;
+  const auto reported = images_to_report(c.images, kMaxPerReason);
+  for (std::size_t i = 0; i < c.images.size(); ++i) {
+    const CalibrationImage& image = c.images[i];
+    if (image.reason != ImageRejection::no && !reported[i]) continue;
     const std::string more =
         reported[i].value_or(0) > 0 ? fmt::format(" and {} more", *reported[i]) : "";
     const SolvedView* view =
-        picture.solved < 0 ? nullptr : &c.solution.views[static_cast<std::size_t>(picture.solved)];
+        image.solved < 0 ? nullptr : &c.solution.views[static_cast<std::size_t>(image.solved)];
     html += fmt::format(
         "<tr{}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></"
         "tr>\n",
-        view == nullptr ? " class=\"out\"" : "", thumbnail(picture, 120),
-        in_markup(picture.name) + more,
-        picture.view.corners.empty() ? "-" : std::to_string(picture.view.corners.size()),
+        view == nullptr ? " class=\"out\"" : "", thumbnail(image, 120),
+        in_markup(image.name) + more,
+        image.view.corners.empty() ? "-" : std::to_string(image.view.corners.size()),
         view != nullptr ? fmt::format("{:.3f} px", view->rms_px) : "-",
-        picture.view.blur_px > 0.0 ? fmt::format("{:.2f} px", picture.view.blur_px) : "-",
+        image.view.blur_px > 0.0 ? fmt::format("{:.2f} px", image.view.blur_px) : "-",
         view != nullptr ? fmt::format("{:.0f} mm", view->T_board_camera.translation().norm() * 1e3)
                         : "-",
-        in_markup(picture.left_out));
+        in_markup(image.left_out));
   }
   html += "</table>\n</body></html>\n";
   return html;

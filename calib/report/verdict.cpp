@@ -74,7 +74,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
 }
 
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
-                         std::span<const CalibrationImage> pictures) {
+                         std::span<const CalibrationImage> images) {
   const double near = kMaxCornerDistance * std::hypot(camera.width(), camera.height());
   const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
   std::vector<double> differences(map.sigma_px.size(), 0.0);
@@ -85,9 +85,9 @@ void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const C
     const auto direction = camera.unproject(pixel);
     const auto reprojected = direction ? other.project_extended(*direction) : std::nullopt;
     if (reprojected) differences[cell] = (*reprojected - pixel).norm();
-    for (const CalibrationImage& picture : pictures) {
-      if (picture.solved < 0 || seen[cell]) continue;
-      seen[cell] = std::ranges::any_of(picture.view.corners, [&](const TargetCorner& corner) {
+    for (const CalibrationImage& image : images) {
+      if (image.solved < 0 || seen[cell]) continue;
+      seen[cell] = std::ranges::any_of(image.view.corners, [&](const TargetCorner& corner) {
         return (corner.pixel - pixel).norm() < near;
       });
     }
@@ -139,17 +139,17 @@ void judge(CameraCalibration& result) {
   // The views do not distinguish these lenses, so their difference is uncertainty.
   for (const ModelTrial& trial : result.trials) {
     if (trial.rival && !trial.non_monotonic_px)
-      raise_to_difference(result.uncertainty, solution.camera, trial.camera, result.pictures);
+      raise_to_difference(result.uncertainty, solution.camera, trial.camera, result.images);
   }
   result.table = table_volume_uncertainty(solution.camera, solution.covariance);
   result.tilt_spread_deg = degrees(tilt_spread(solution.views));
   std::vector<double> blurs;
   const ImageCells cells{3, 3, width, height};
   std::vector<int> seen(cells.count(), 0);
-  for (const CalibrationImage& picture : result.pictures) {
-    if (picture.solved < 0) continue;
-    blurs.push_back(picture.view.blur_px);
-    for (const TargetCorner& corner : picture.view.corners) ++seen[cells.at(corner.pixel)];
+  for (const CalibrationImage& image : result.images) {
+    if (image.solved < 0) continue;
+    blurs.push_back(image.view.blur_px);
+    for (const TargetCorner& corner : image.view.corners) ++seen[cells.at(corner.pixel)];
   }
   result.blur_px = upper_median(std::move(blurs));
 

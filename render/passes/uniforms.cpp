@@ -22,7 +22,7 @@ void set_lights(const ShaderProgram& program, const FramePlan& plan,
   std::array<glm::vec4, kMaxLights> places{};
   std::array<glm::vec4, kMaxLights> colors{};
   for (std::size_t i = 0; i < lights.size(); ++i) {
-    const Eigen::Vector4d& place = lights[i].place;
+    const Eigen::Vector4d& place = lights[i].position;
     const Eigen::Vector3d color = lights[i].color.cwiseProduct(plan.lighting.gain);
     places[i] = glm::vec4(to_gl(Eigen::Vector3d(place.head<3>())), static_cast<float>(place.w()));
     colors[i] = glm::vec4(to_gl(color), i < blocked.size() ? blocked[i] : 0.0F);

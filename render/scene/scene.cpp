@@ -165,12 +165,12 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
           sun_position(light.sun->start_utc_s + 3600.0 * light.sun->hours_per_s * time_s,
                        light.sun->latitude_deg, light.sun->longitude_deg);
       const Eigen::Vector3d direction = direction_to(at, light.sun->north_deg);
-      placed.place << direction, 0.0;
+      placed.position << direction, 0.0;
       if (!(direction.z() > 0.0)) placed.color.setZero();
     } else if (light.kind == SceneLight::Kind::point) {
-      placed.place << light.position + moved.position, 1.0;
+      placed.position << light.position + moved.position, 1.0;
     } else {
-      placed.place << moved.rotation * light.direction, 0.0;
+      placed.position << moved.rotation * light.direction, 0.0;
     }
     state.lights.push_back(placed);
   }

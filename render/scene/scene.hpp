@@ -161,9 +161,10 @@ struct Scene {
   std::vector<LayeredAdvice> layered_advice;
 };
 
-// A light in the table frame. place: position (w = 1), or unit direction towards the light (w = 0).
+// A light in the table frame. position: a point (w = 1), or the unit direction to the light (w =
+// 0).
 struct PlacedLight {
-  Eigen::Vector4d place = Eigen::Vector4d::UnitW();
+  Eigen::Vector4d position = Eigen::Vector4d::UnitW();
   Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
 };
 

@@ -14,7 +14,7 @@ std::vector<ShadowEvent> shadow_events(const SceneState& before, const SceneStat
     if (happened) events.push_back({kind, static_cast<int>(index)});
   };
   for (std::size_t i = 0; i < now.lights.size(); ++i) {
-    add(ShadowEventKind::light_moved, i, before.lights[i].place != now.lights[i].place);
+    add(ShadowEventKind::light_moved, i, before.lights[i].position != now.lights[i].position);
   }
   for (std::size_t i = 0; i < now.objects.size(); ++i) {
     const Placement& a = before.objects[i];

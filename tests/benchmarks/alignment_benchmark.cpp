@@ -254,7 +254,7 @@ void estimate_tone(const Recording& recording) {
   }
   tone = estimate->exponent;
   std::printf("%-10s tone curve %.2f +- %.2f, blur %.2f px, by %d of %d frames, %.0f us each\n",
-              recording.name.c_str(), tone, estimate->sigma, estimate->blur_px, estimate->pictures,
+              recording.name.c_str(), tone, estimate->sigma, estimate->blur_px, estimate->images,
               frames_with_pose, us / std::max(frames_with_pose, 1));
 }
 

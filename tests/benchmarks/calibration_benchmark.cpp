@@ -212,7 +212,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   if (read && calibration) {
     Corners detected = corners;
     detected.views.clear();
-    for (const CalibrationImage& image : calibration->pictures) {
+    for (const CalibrationImage& image : calibration->images) {
       if (image.solved >= 0) detected.views.push_back({image.name, image.view.corners});
     }
     compare_on("penumbra's", detected, target, first_ms);

@@ -64,8 +64,7 @@ int main(int argc, char** argv) {
     GroupTracker tracker =
         GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < frames; ++f) {
-      const Frame frame =
-          session.picture(f >= 2 && moved_share > 0.0 ? moved_renderer : renderer, f);
+      const Frame frame = session.image(f >= 2 && moved_share > 0.0 ? moved_renderer : renderer, f);
       const PoseEstimate pose = tracker.track(frame).pose;
       const CameraPose truth = session.truth(f);
       const double error =

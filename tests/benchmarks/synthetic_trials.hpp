@@ -82,8 +82,8 @@ class SyntheticTrials {
       PatternRenderOptions render = options(k);
       render.noise_grey = 2.0;
       render.covered_fraction = fraction;
-      run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
-          2.0, Vector6d::Zero(), score, 0.0);
+      run(aligner, image(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random), 2.0,
+          Vector6d::Zero(), score, 0.0);
     }
     return score;
   }
@@ -98,10 +98,10 @@ class SyntheticTrials {
       PatternRenderOptions render = options(k);
       render.noise_grey = 2.0;
       render.samples = 256;
-      const GreyImage image = picture(truth, render);
+      const GreyImage view_image = image(truth, render);
       for (int j = 0; j < starts; ++j)
-        run(aligner, image, truth, displaced(camera_, tags_, truth, start_px, random), start_px,
-            Vector6d::Zero(), score, 0.0);
+        run(aligner, view_image, truth, displaced(camera_, tags_, truth, start_px, random),
+            start_px, Vector6d::Zero(), score, 0.0);
     }
     return score;
   }
@@ -140,7 +140,7 @@ class SyntheticTrials {
     render.seed = static_cast<std::uint64_t>(view) + 1;
     return render;
   }
-  [[nodiscard]] GreyImage picture(const CameraPose& pose, const PatternRenderOptions& render) {
+  [[nodiscard]] GreyImage image(const CameraPose& pose, const PatternRenderOptions& render) {
     return renderer_.render(std::span(&pose, 1), render);
   }
   template <class Visit>

@@ -81,14 +81,14 @@ void mend_check_sums(std::string& png) {
 
 struct Tally {
   int inputs = 0;
-  int pictures = 0;
+  int images = 0;
 };
 
 void try_one(const std::string& bytes, Tally& tally) {
   ++tally.inputs;
   const auto frame = decode_image(bytes_of(bytes), "fuzz");
   if (frame) {
-    ++tally.pictures;
+    ++tally.images;
     ASSERT_GT(frame->width, 0);
     ASSERT_GT(frame->height, 0);
     ASSERT_LT(sum_of(*frame), std::uint64_t{256} * 3 * 256'000'000);
@@ -106,8 +106,8 @@ void try_one(const std::string& bytes, Tally& tally) {
 
 void report(const Tally& tally) {
   testing::Test::RecordProperty("inputs", tally.inputs);
-  testing::Test::RecordProperty("pictures", tally.pictures);
-  std::printf("%d inputs, %d decoded, the others refused\n", tally.inputs, tally.pictures);
+  testing::Test::RecordProperty("pictures", tally.images);
+  std::printf("%d inputs, %d decoded, the others refused\n", tally.inputs, tally.images);
 }
 
 std::string jpeg_of(int subsampling, int flags) {

@@ -66,13 +66,13 @@ class CalibrateCommand : public testing::Test {
   }
   // Creates a folder with the first `count` frames of a recording.
   [[nodiscard]] std::filesystem::path first_frames(const std::string& recording, int count) const {
-    const auto pictures = folder_.path() / "pictures";
-    std::filesystem::create_directories(pictures);
+    const auto images = folder_.path() / "pictures";
+    std::filesystem::create_directories(images);
     for (int i = 0; i < count; ++i) {
       const std::string name = test::six_digits(i) + ".png";
-      std::filesystem::copy_file(shared(recording) / "frames" / name, pictures / name);
+      std::filesystem::copy_file(shared(recording) / "frames" / name, images / name);
     }
-    return pictures;
+    return images;
   }
   void expect_refused(const test::ProgramResult& result, const std::string& why) const {
     EXPECT_EQ(result.exit_code, 1) << result.out << result.err;
@@ -210,15 +210,15 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
 
 // Photographs of a Kalibr sheet whose tags have a border of two cells.
 TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
-  const auto pictures = folder() / "kalibr";
-  std::filesystem::create_directories(pictures);
+  const auto images = folder() / "kalibr";
+  std::filesystem::create_directories(images);
   for (const char* name : {"a.png", "b.png", "c.png"})
-    std::filesystem::copy_file(shared("data/real/aprilgrid/EuRoC.png"), pictures / name);
+    std::filesystem::copy_file(shared("data/real/aprilgrid/EuRoC.png"), images / name);
   const auto grid = folder() / "euroc.yaml";
   test::write_text(grid,
                    "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.088\n"
                    "tagSpacing: 0.3\n");
-  const auto result = calibrate(pictures, grid);
+  const auto result = calibrate(images, grid);
   expect_refused(result, "black border of two cells");
   EXPECT_THAT(result.err, HasSubstr("3 of 3 images"));
 }
@@ -244,15 +244,15 @@ TEST_F(CalibrateCommand, RejectsOutputsThatWouldOverwriteInputsOrOutputs) {
       "tagSpacing: 0.3\n";
   const auto grid = (folder() / "grid.yaml").string();
   const auto out = (folder() / "out.yaml").string();
-  const auto pictures = shared("recordings/calibration").string();
+  const auto images = shared("recordings/calibration").string();
   const auto sweep = shared("recordings/tabletop").string();
   test::write_text(grid, text);
   using Arguments = std::vector<std::string>;
   for (const Arguments& arguments :
-       {Arguments{"calibrate", pictures, "--target", grid, "--output", grid},
-        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--report", grid},
-        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--report", out},
-        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--compare", out},
+       {Arguments{"calibrate", images, "--target", grid, "--output", grid},
+        Arguments{"calibrate", images, "--target", grid, "--output", out, "--report", grid},
+        Arguments{"calibrate", images, "--target", grid, "--output", out, "--report", out},
+        Arguments{"calibrate", images, "--target", grid, "--output", out, "--compare", out},
         Arguments{"map", sweep, "--anchor", "5", "--sizes", grid, "--output", grid},
         Arguments{"map", sweep, "--anchor", "5", "--tag-size", "0.04", "--camera", grid, "--output",
                   grid},
@@ -321,34 +321,34 @@ TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
   ASSERT_TRUE(camera && tags);
   auto renderer = PatternRenderer::create(*camera, tags->tags());
   ASSERT_TRUE(renderer);
-  const auto pictures = folder() / "front";
-  std::filesystem::create_directories(pictures);
+  const auto images = folder() / "front";
+  std::filesystem::create_directories(images);
   PatternRenderOptions options;
   options.samples = 16;
   for (int i = 0; i < 5; ++i) {
     const Eigen::Vector3d at(0.02 * (i % 3 - 1), 0.015 * (i / 3 - 1), 0.0);
     const auto pose = test::looking_at(at, 0.4 + 0.04 * i, radians(90.0), 0.0, radians(20.0 * i));
     options.seed = static_cast<std::uint64_t>(i + 1);
-    ASSERT_TRUE(save_grey_png(pictures / (std::to_string(i) + ".png"),
+    ASSERT_TRUE(save_grey_png(images / (std::to_string(i) + ".png"),
                               renderer->render(std::array{pose}, options).view()));
   }
-  expect_refused(calibrate(pictures, shared("recordings/calibration/aprilgrid.yaml")),
+  expect_refused(calibrate(images, shared("recordings/calibration/aprilgrid.yaml")),
                  "tilt the target");
 }
 
 // Unreadable images in a folder are skipped, each with its reason.
 TEST_F(CalibrateCommand, SkipsUnreadableImages) {
-  const auto pictures = folder() / "pictures";
-  std::filesystem::create_directories(pictures);
+  const auto images = folder() / "pictures";
+  std::filesystem::create_directories(images);
   const auto source = shared("recordings/chessboard");
   for (int i = 0; i < 12; ++i) {
     const std::string name = test::six_digits(i) + ".png";
     const std::string bytes = test::read_bytes(source / "frames" / name);
     const bool broken = i == 2 || i == 7;
-    test::write_text(pictures / name, broken ? bytes.substr(0, bytes.size() / 2) : bytes);
+    test::write_text(images / name, broken ? bytes.substr(0, bytes.size() / 2) : bytes);
   }
   const auto result =
-      calibrate(pictures, source / "chessboard.yaml", {"--model", "plumb_bob", "--board", "rigid"});
+      calibrate(images, source / "chessboard.yaml", {"--model", "plumb_bob", "--board", "rigid"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("rejected: 000002.png"));
   EXPECT_THAT(result.out, HasSubstr("rejected: 000007.png"));
@@ -367,9 +367,9 @@ class CalibrateFromCamera : public CalibrateCommand {
     write_listing(32, 4);
   }
   // Lists the first `pictures` images, each `times` times.
-  void write_listing(int pictures, int times) const {
+  void write_listing(int images, int times) const {
     std::string lines = "frame,timestamp_s,file\n";
-    for (int i = 0; i < pictures * times; ++i)
+    for (int i = 0; i < images * times; ++i)
       lines += fmt::format("{},{:.1f},frames/{}.png\n", i, 0.1 * i, test::six_digits(i / times));
     test::write_text(played_folder() / "timestamps.csv", lines);
   }

@@ -276,7 +276,7 @@ TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
     for (const char* file : {"camera.yaml", "tags.yaml"}) {
       std::filesystem::copy(bundled("tabletop") + "/" + file, camera / file);
     }
-    const auto picture = [](const std::filesystem::path& file, int width) {
+    const auto image = [](const std::filesystem::path& file, int width) {
       if (file.extension() == ".jpg") {
         const std::string bytes = test::jpeg_of(0, width, 480);
         return static_cast<bool>(std::ofstream(file, std::ios::binary) << bytes);
@@ -286,8 +286,8 @@ TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
       return save_png(file, width, 480, grey).has_value();
     };
     const std::string ending = jpeg ? ".jpg" : ".png";
-    ASSERT_TRUE(picture(temporary.path() / "camera" / ("right" + ending), 640));
-    ASSERT_TRUE(picture(temporary.path() / "camera" / ("narrow" + ending), 320));
+    ASSERT_TRUE(image(temporary.path() / "camera" / ("right" + ending), 640));
+    ASSERT_TRUE(image(temporary.path() / "camera" / ("narrow" + ending), 320));
     std::ofstream listing(camera / "timestamps.csv");
     listing << "frame,timestamp_s,file\n";
     for (int i = 0; i < 40; ++i) {

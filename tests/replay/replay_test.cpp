@@ -423,24 +423,24 @@ TEST(ReplayCommand, SkipsTrackingForGivenPoses) {
 
 TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
   const TemporaryFolder folder;
-  std::map<std::string, std::string> pictures;
+  std::map<std::string, std::string> images;
   for (const std::string& technique : shadow_words_without({})) {
     const ProgramResult result =
         penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                   "--shadow", technique, "--output", folder.path() / technique});
     ASSERT_EQ(result.exit_code, 0) << result.err;
-    const std::string picture = fingerprint_of(folder.path() / technique / "000030.png");
-    ASSERT_FALSE(picture.empty());
-    for (const auto& [other, fingerprint] : pictures) {
-      EXPECT_NE(picture, fingerprint) << technique << " and " << other;
+    const std::string image = fingerprint_of(folder.path() / technique / "000030.png");
+    ASSERT_FALSE(image.empty());
+    for (const auto& [other, fingerprint] : images) {
+      EXPECT_NE(image, fingerprint) << technique << " and " << other;
     }
-    pictures[technique] = picture;
+    images[technique] = image;
   }
   const ProgramResult kernels =
       penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                 "--shadow", "layered", "--kernels", "cocl", "--output", folder.path() / "k"});
   ASSERT_EQ(kernels.exit_code, 0) << kernels.err;
-  EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
+  EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), images["cocl"]);
 }
 
 // The report contains the translucency mode. In each mode, skipping must not change a byte. The
@@ -476,7 +476,7 @@ TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
 }
 
 struct NamedReplay {
-  std::map<std::string, std::string> pictures;
+  std::map<std::string, std::string> images;
   nlohmann::json report;
 };
 // Replays frames of `tabletop` into the folder NAME of images and the pose file NAME.tum.
@@ -494,7 +494,7 @@ NamedReplay replay_named(const TemporaryFolder& folder, const std::string& name,
 TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
-    return replay_named(folder, name, "30:33", more).pictures;
+    return replay_named(folder, name, "30:33", more).images;
   };
   const auto distorted = run("distorted", {});
   const auto rectified = run("rectified", {"--rectified"});
@@ -514,12 +514,12 @@ TEST(ReplayCommand, LightsObjectsWithLightOfVideo) {
   };
   const NamedReplay lit = run("lit", {});
   EXPECT_EQ(lit.report["time_ms"]["light"]["count"], 6);
-  EXPECT_EQ(run("again", {"--threads", "1"}).pictures, lit.pictures);
+  EXPECT_EQ(run("again", {"--threads", "1"}).images, lit.images);
   const NamedReplay scene_light = run("scene-light", {"--no-video-light"});
   EXPECT_EQ(scene_light.report["time_ms"]["light"]["count"], 0);
-  ASSERT_EQ(scene_light.pictures.size(), lit.pictures.size());
-  for (const auto& [file, bytes] : lit.pictures)
-    EXPECT_NE(scene_light.pictures.at(file), bytes) << file;
+  ASSERT_EQ(scene_light.images.size(), lit.images.size());
+  for (const auto& [file, bytes] : lit.images)
+    EXPECT_NE(scene_light.images.at(file), bytes) << file;
   EXPECT_EQ(bytes_of(folder.path() / "scene-light.tum"), bytes_of(folder.path() / "lit.tum"));
 }
 
@@ -543,7 +543,7 @@ class ReplayShadowOptions : public testing::Test {
     return penumbra(arguments);
   }
   // Returns the fingerprint of the frame's image.
-  std::string picture(const std::vector<std::string>& options) {
+  std::string image(const std::vector<std::string>& options) {
     const std::string output = file("frames");
     const ProgramResult result = replay(options, output);
     EXPECT_EQ(result.exit_code, 0) << result.err;
@@ -558,22 +558,22 @@ class ReplayShadowOptions : public testing::Test {
 };
 
 TEST_F(ReplayShadowOptions, ReadsKernelsFromFile) {
-  const std::string automatic = picture({});
+  const std::string automatic = image({});
   std::map<std::string, std::string> named;
   for (const std::string source : {"auto", "cocl", "smooth"}) {
     const std::string kernels = file("k.json");
     ASSERT_EQ(penumbra({"kernels", model(), "--kernels", source, "--output", kernels}).exit_code,
               0);
-    named[source] = picture({"--kernels", source});
+    named[source] = image({"--kernels", source});
     EXPECT_EQ(last_warnings_, "");
-    EXPECT_EQ(picture({"--kernels", kernels}), named[source]) << source;
+    EXPECT_EQ(image({"--kernels", kernels}), named[source]) << source;
     EXPECT_EQ(last_warnings_, "");
   }
   EXPECT_EQ(named["auto"], automatic);
   EXPECT_NE(named["cocl"], automatic);
   // If neither the scene nor --shadow selects a technique, the kernels of --kernels are used even
   // if their kind differs from the node's.
-  EXPECT_NE(picture({"--kernels", "per-axis"}), named["cocl"]);
+  EXPECT_NE(image({"--kernels", "per-axis"}), named["cocl"]);
 }
 
 // If a technique needs a light that the scene lacks, the program warns once for all frames.
@@ -589,7 +589,7 @@ TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
     EXPECT_NE(warned.err.find("no shadow: s: the scene has no light"), std::string::npos)
         << warned.err;
   }
-  picture({"--shadow", "layered"});
+  image({"--shadow", "layered"});
   EXPECT_EQ(last_warnings_, "");
 }
 
@@ -604,12 +604,12 @@ TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
                                                   {"field", {"--proxy", "auto"}}}) {
     Words with = {"--shadow", technique};
     with.insert(with.end(), words.begin(), words.end());
-    const std::string with_option = picture(with);
+    const std::string with_option = image(with);
     ASSERT_EQ(lines_of(last_warnings_).size(), 1U) << words[0] << ": " << last_warnings_;
     EXPECT_NE(last_warnings_.find(words[0] + ": " + technique + " shadows have no use for it"),
               std::string::npos)
         << last_warnings_;
-    EXPECT_EQ(picture({"--shadow", technique}), with_option) << words[0] << " must have no effect";
+    EXPECT_EQ(image({"--shadow", technique}), with_option) << words[0] << " must have no effect";
     EXPECT_EQ(last_warnings_, "");
   }
   for (const Words& of_use :
@@ -617,7 +617,7 @@ TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
         Words{"--shadow", "layered", "--light-mode", "fixed"},
         Words{"--shadow", "field", "--light-mode", "fixed"},
         Words{"--shadow", "hard", "--kernels", "auto"}, Words{"--kernels", "smooth"}}) {
-    picture(of_use);
+    image(of_use);
     EXPECT_EQ(last_warnings_, "") << of_use[1];
   }
 }
@@ -638,15 +638,15 @@ TEST_F(ReplayShadowOptions, ReportsMismatchedKernels) {
   const std::size_t key = text.find("\"geometry\":\"") + 12;
   text[key] = text[key] == '0' ? '1' : '0';
   std::ofstream(file("k.json"), std::ios::binary) << text;
-  EXPECT_EQ(picture({"--kernels", file("k.json")}), picture({}));
+  EXPECT_EQ(image({"--kernels", file("k.json")}), image({}));
 }
 
 TEST_F(ReplayShadowOptions, AppliesFixedLightMode) {
-  const std::string proportional = picture({});
-  EXPECT_EQ(picture({"--light-mode", "proportional"}), proportional);
-  const std::string fixed = picture({"--light-mode", "fixed"});
+  const std::string proportional = image({});
+  EXPECT_EQ(image({"--light-mode", "proportional"}), proportional);
+  const std::string fixed = image({"--light-mode", "fixed"});
   EXPECT_NE(fixed, proportional);
-  EXPECT_EQ(picture({"--light-mode", "fixed", "--no-skip"}), fixed);
+  EXPECT_EQ(image({"--light-mode", "fixed", "--no-skip"}), fixed);
 }
 
 TEST(ReplayCommand, KeepsReadableFilesOnCtrlC) {

@@ -61,7 +61,7 @@ class LiveSession {
     EXPECT_GT(frames, 0U);
     const DecodedVideo video = decode_video(path("out.mp4"));
     EXPECT_TRUE(video.opened);
-    EXPECT_EQ(video.pictures.size(), frames);
+    EXPECT_EQ(video.images.size(), frames);
     EXPECT_TRUE(bytes_of(path("out.tum")).ends_with('\n'));
     const auto poses = load_trajectory(path("out.tum"));
     ASSERT_TRUE(poses) << poses.error().message;
@@ -420,7 +420,7 @@ TEST(DisplayLoss, EndsReplayWithCompleteOutputs) {
     const auto report = read_json(path("report.json"));
     EXPECT_LT(report["frames"].get<int>(), 120);
     EXPECT_NE(report["failure"].get<std::string>().find("--no-window"), std::string::npos);
-    EXPECT_EQ(decode_video(path("out.mp4")).pictures.size(), report["frames"].get<std::size_t>());
+    EXPECT_EQ(decode_video(path("out.mp4")).images.size(), report["frames"].get<std::size_t>());
     fs::remove(path("report.json"));
   }
 }

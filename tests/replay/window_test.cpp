@@ -187,12 +187,12 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   fs::create_directories(camera / "frames");
   fs::copy(view, camera / "frames" / "0.jpg");
   const std::string whole = bytes_of(view);
-  constexpr int kPictures = 16;
+  constexpr int kImages = 16;
   std::string listing = "frame,timestamp_s,file\n0,0.0,frames/0.jpg\n";
-  for (int i = 1; i < kPictures; ++i) {
+  for (int i = 1; i < kImages; ++i) {
     const std::string name = fmt::format("frames/{}.jpg", i);
     std::ofstream(camera / name, std::ios::binary)
-        << (i + 1 < kPictures ? whole.substr(0, whole.size() / 2) + "\xFF\xD9" : whole);
+        << (i + 1 < kImages ? whole.substr(0, whole.size() / 2) + "\xFF\xD9" : whole);
     listing += fmt::format("{},{:.1f},{}\n", i, 0.1 * i, name);
   }
   for (const char* file : {"camera.yaml", "tags.yaml"}) {

@@ -148,7 +148,7 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
             CalibrationImage image;
             image.solved = static_cast<int>(v);
             image.view.corners = views[v].corners;
-            c.pictures.push_back(std::move(image));
+            c.images.push_back(std::move(image));
           }
           judge(c);
           if (c.grade != CalibrationGrade::good) continue;

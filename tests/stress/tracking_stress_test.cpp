@@ -162,7 +162,7 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
       // frame is not covered.
       Session seen = session;
       if (f == 0) seen.light.covered_fraction = 0.0;
-      const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(seen.image(renderer, f)).pose;
       tracked += pose.status == TrackStatus::tracked ? 1 : 0;
       expect_consistent(session, pose, session.truth(f), nightly() ? &all : nullptr);
     }
@@ -182,8 +182,7 @@ TEST(TrackingStress, PredictsErrorOnRandomSessions) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 3; ++f)
-      expect_consistent(session, tracker.track(session.picture(renderer, f)).pose,
-                        session.truth(f));
+      expect_consistent(session, tracker.track(session.image(renderer, f)).pose, session.truth(f));
   }
 }
 
@@ -231,7 +230,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
     auto without_exposure = GroupTracker::create(session.camera, map).value();
     for (int f = 0; f < (nightly() ? 20 : 10); ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
-      Frame frame = session.picture(renderer, f);
+      Frame frame = session.image(renderer, f);
       const double middle = f * session.frame_s;
       const double blur_px = test::corner_distance_px(
           session.camera, session.tags, session.motion.at(middle - 0.5 * session.exposure_s),
@@ -281,7 +280,7 @@ TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   constexpr int kViews = 8;
   std::vector<Frame> views;
-  for (int f = 0; f < kViews; ++f) views.push_back(session.picture(renderer, f));
+  for (int f = 0; f < kViews; ++f) views.push_back(session.image(renderer, f));
   TrackerOptions options;
   options.mode = nightly() ? TrackingMode::automatic : TrackingMode::fast;
   auto tracker =
@@ -319,7 +318,7 @@ TEST(TrackingStress, IgnoresCopyOfMappedTag) {
   auto renderer = PatternRenderer::create(session.camera, drawn).value();
   auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   for (int f = 0; f < 4; ++f) {
-    const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+    const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
     EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
     expect_consistent(session, pose, session.truth(f));
   }
@@ -350,7 +349,7 @@ TEST(TrackingStress, KeepsTagThatSharesIdWithMovedTagOfOtherFamily) {
       auto tracker =
           GroupTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
       for (int f = 0; f < 4; ++f) {
-        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
         expect_consistent(session, pose, session.truth(f));
         EXPECT_EQ(pose.tags_rejected, only(session.tags[2]));
@@ -372,7 +371,7 @@ TEST(TrackingStress, RejectsMovedTag) {
     auto renderer = PatternRenderer::create(session.camera, drawn).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 4; ++f) {
-      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
       expect_consistent(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
@@ -425,7 +424,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
               GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
           bool right = false;
           for (int f = 0; f < 4; ++f) {
-            const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+            const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
             expect_consistent(session, pose, session.truth(f));
             right = pose.tags_rejected == only(board.tags[tag]);
             if (by == 0.0) {
@@ -459,7 +458,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
     auto renderer = PatternRenderer::create(session.camera, drawn.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 6; ++f) {
-      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
       expect_consistent(session, pose, session.truth(f));
       if (by > 0.004) {
         EXPECT_NE(pose.status, TrackStatus::tracked);
@@ -484,10 +483,10 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   auto right = PatternRenderer::create(session.camera, part).value();
   auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   for (int f = 0; f < 4; ++f) {
-    ASSERT_NE(tracker.track(session.picture(contradicting, f)).pose.status, TrackStatus::tracked);
+    ASSERT_NE(tracker.track(session.image(contradicting, f)).pose.status, TrackStatus::tracked);
   }
   for (int f = 4; f < 16; ++f) {
-    const PoseEstimate pose = tracker.track(session.picture(right, f)).pose;
+    const PoseEstimate pose = tracker.track(session.image(right, f)).pose;
     expect_consistent(session, pose, session.truth(f));
     if (f >= 10) {
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
@@ -502,11 +501,11 @@ TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   const Session elsewhere = moved(session, 3, {0.004, 0.0, 0.0});
   auto wrong = PatternRenderer::create(session.camera, elsewhere.tags).value();
   auto right = PatternRenderer::create(session.camera, session.tags).value();
-  const Frame moved_picture = session.picture(wrong, 0);
-  const Frame picture = session.picture(right, 0);
+  const Frame moved_image = session.image(wrong, 0);
+  const Frame image = session.image(right, 0);
   auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   for (int f = 0; f < 260; ++f) {
-    Frame frame = f < 130 ? moved_picture : picture;
+    Frame frame = f < 130 ? moved_image : image;
     frame.timestamp_ns = 1'000'000'000 + f * std::int64_t{33'333'333};
     const PoseEstimate pose = tracker.track(frame).pose;
     ASSERT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
@@ -538,9 +537,9 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 3; ++f) {
-      ASSERT_EQ(tracker.track(session.picture(renderer, f)).pose.status, TrackStatus::tracked);
+      ASSERT_EQ(tracker.track(session.image(renderer, f)).pose.status, TrackStatus::tracked);
     }
-    const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
+    const TrackedFrame jumped = tracker.track(later.image(renderer, 3));
     EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << text_of(jumped.pose.reason);
     expect_consistent(session, jumped.pose, later.truth(3));
     const bool by_pattern = jumped.times.pyramid_search;
@@ -552,7 +551,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
     }
     found_by_pattern += by_pattern ? 1 : 0;
     found_in_box += in_box ? 1 : 0;
-    EXPECT_EQ(tracker.track(later.picture(renderer, 4)).pose.status, TrackStatus::tracked);
+    EXPECT_EQ(tracker.track(later.image(renderer, 4)).pose.status, TrackStatus::tracked);
   }
   EXPECT_GE(found_by_pattern, 2);
   EXPECT_GE(found_in_box, 1);
@@ -569,7 +568,7 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       session.light.covered_fraction = f < 2 ? 0.0 : fraction;
-      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
       expect_consistent(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
@@ -594,7 +593,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
           GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
       for (int f = 0; f < 16; ++f) {
         session.light.covered_fraction = f < 4 ? 0.0 : 0.3;
-        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
         EXPECT_LT(pose.predicted_overlay_error_px, 0.8);
         expect_consistent(session, pose, session.truth(f));
@@ -618,7 +617,7 @@ TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
     for (int f = 0; f < 12; ++f) {
       Session there = session;
       there.motion.x.middle += f / 3 % 2 == 0 ? 0.0 : 0.03;
-      Frame frame = there.picture(renderer, f);
+      Frame frame = there.image(renderer, f);
       if (with_exposure) frame.exposure_s = 0.02;
       const PoseEstimate pose = tracker.track(frame).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);

@@ -59,7 +59,7 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
         SCOPED_TRACE(f);
         session.light.gain = kGains[f];
         const auto number = static_cast<int>(f);
-        const TrackedFrame frame = tracker.track(session.picture(renderer, number));
+        const TrackedFrame frame = tracker.track(session.image(renderer, number));
         EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << text_of(frame.pose.reason);
         EXPECT_EQ(frame.pose.tags_used, 12);
         EXPECT_EQ(frame.times.full_detection, f == 0);
@@ -114,7 +114,7 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
       Session now = session;
       now.motion.x.middle = 0.24 * away;
       now.motion.y.middle = 0.10 * away;
-      const TrackedFrame frame = tracker.track(now.picture(renderer, f));
+      const TrackedFrame frame = tracker.track(now.image(renderer, f));
       EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << text_of(frame.pose.reason);
       EXPECT_EQ(frame.times.full_detection, f == 0);
       expect_consistent(now, frame.pose, now.truth(f));
@@ -152,7 +152,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
       for (int f = 0; f < (nightly() ? 20 : 3); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
-        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
         expect_consistent(session, pose, truth);
         const double corners_px =
@@ -182,7 +182,7 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
     GroupTracker tracker = tracker_of(session);
     for (int f = 0; f < 5; ++f) {
       SCOPED_TRACE(f);
-      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
       const CameraPose truth = session.truth(f);
       ASSERT_TRUE(pose.has_pose()) << text_of(pose.reason);
       // The overlay's cube is always 0.2 m. At a distance of a few centimetres, its error does not
@@ -210,7 +210,7 @@ TEST(TrackingStress, LosesTagsTooFarAway) {
     SCOPED_TRACE(f);
     Session now = session;
     now.motion.distance.middle *= std::pow(1.06, f);
-    const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+    const PoseEstimate pose = tracker.track(now.image(renderer, f)).pose;
     expect_consistent(now, pose, now.truth(f));
     if (pose.status != TrackStatus::tracked) {
       EXPECT_NE(pose.reason.cause, PoseCause::none);
@@ -272,7 +272,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
       SCOPED_TRACE(value);
       Session now = easy_session();
       condition.set(now, value);
-      const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(now.image(renderer, f)).pose;
       expect_consistent(now, pose, now.truth(f));
       if (pose.status != TrackStatus::tracked) {
         EXPECT_NE(pose.reason.cause, PoseCause::none);
@@ -326,7 +326,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
       const double away = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * f / kFrames);
       Session now = session;
       now.motion.distance.middle = distance_times_px * (away / 7.0 + (1.0 - away) / 30.0);
-      const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+      const PoseEstimate pose = tracker.track(now.image(renderer, f)).pose;
       expect_consistent(now, pose, now.truth(f));
       const bool is_tracked = pose.status == TrackStatus::tracked;
       tracked += is_tracked ? 1 : 0;
@@ -364,7 +364,7 @@ TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
     session.motion.x.middle = place.x();
     session.motion.y.middle = place.y();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    const PoseEstimate pose = tracker_of(session).track(session.picture(renderer, 0)).pose;
+    const PoseEstimate pose = tracker_of(session).track(session.image(renderer, 0)).pose;
     ambiguous +=
         pose.status == TrackStatus::uncertain && pose.reason.cause == PoseCause::two_poses ? 1 : 0;
     if (pose.status != TrackStatus::tracked) continue;
@@ -404,7 +404,7 @@ TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
         GroupTracker tracker = tracker_of(session, mode);
         for (int f = 0; f < 3; ++f) {
           SCOPED_TRACE(f);
-          const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+          const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
           if (all) {
             EXPECT_NE(pose.status, TrackStatus::tracked);
             EXPECT_NE(pose.reason.cause, PoseCause::none);

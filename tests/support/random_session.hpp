@@ -93,7 +93,7 @@ struct Session {
   [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
   // Renders a frame. Its timestamp is the middle of the exposure; with a rolling shutter, that of
   // the middle row.
-  [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
+  [[nodiscard]] Frame image(PatternRenderer& renderer, int frame) const {
     const double middle = frame * frame_s;
     PatternRenderOptions options = light;
     options.seed = light.seed * 1000003U + static_cast<std::uint64_t>(frame);

@@ -268,7 +268,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
   }
   // Computes a weighted mean about the median, which is robust against reflections on tags.
   ToneEstimate result;
-  result.pictures = static_cast<int>(found_.size());
+  result.images = static_cast<int>(found_.size());
   result.blur_px = median(blurs);
   const double middle = median(exponents);
   std::vector<double> distances;

@@ -30,7 +30,7 @@ struct ToneEstimate {
   double exponent = 1.0;  // linear light = (grey / 255) ^ exponent
   double sigma = 0.0;     // sigma of `exponent`, from the images' scatter and the model error
   double blur_px = 0.0;   // median sigma of the point spread, including the pixel's box
-  int pictures = 0;
+  int images = 0;
 };
 
 class ToneEstimator {

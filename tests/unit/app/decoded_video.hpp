@@ -28,7 +28,7 @@ struct DecodedVideo {
   int width = 0, height = 0;
   AVColorSpace color_space = AVCOL_SPC_UNSPECIFIED;
   AVColorRange color_range = AVCOL_RANGE_UNSPECIFIED;
-  std::vector<DecodedImage> pictures;
+  std::vector<DecodedImage> images;
 };
 
 inline DecodedVideo decode_video(const std::filesystem::path& file) {
@@ -70,7 +70,7 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
         video.height = frame->height;
         video.color_space = frame->colorspace;
         video.color_range = frame->color_range;
-        video.pictures.push_back(std::move(image));
+        video.images.push_back(std::move(image));
         av_frame_unref(frame);
       }
     }

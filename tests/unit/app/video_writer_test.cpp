@@ -20,22 +20,22 @@ using test::DecodedVideo;
 std::vector<std::vector<std::uint8_t>> noise(int width, int height, int count) {
   std::mt19937 random(11);
   std::uniform_int_distribution<int> byte(0, 255);
-  std::vector<std::vector<std::uint8_t>> pictures(static_cast<std::size_t>(count));
-  for (auto& image : pictures) {
+  std::vector<std::vector<std::uint8_t>> images(static_cast<std::size_t>(count));
+  for (auto& image : images) {
     image.resize(static_cast<std::size_t>(width * height * 4));
     for (std::uint8_t& value : image) value = static_cast<std::uint8_t>(byte(random));
   }
-  return pictures;
+  return images;
 }
 
 void write_all(const fs::path& file, OutputKind codec, const FrameFormat& format,
-               const std::vector<std::vector<std::uint8_t>>& pictures,
+               const std::vector<std::vector<std::uint8_t>>& images,
                const std::vector<std::int64_t>& times_ns) {
   av_log_set_level(AV_LOG_ERROR);
   auto writer = create_video_writer(file, codec, format);
   ASSERT_TRUE(writer) << writer.error().message;
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const auto written = (*writer)->write(i, times_ns[i], pictures[i]);
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const auto written = (*writer)->write(i, times_ns[i], images[i]);
     ASSERT_TRUE(written) << written.error().message;
   }
   const auto finished = (*writer)->finish();
@@ -50,11 +50,11 @@ std::string bytes_of(const fs::path& file) {
 TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "a.mkv";
-  const auto pictures = noise(37, 23, 5);
+  const auto images = noise(37, 23, 5);
   // The times are irregular and do not start at 0.
   const std::vector<std::int64_t> times = {5'000'000'000, 5'033'333'000, 5'066'667'000,
                                            5'200'000'000, 5'201'000'000};
-  write_all(file, OutputKind::ffv1, {37, 23, 1.0 / 30.0}, pictures, times);
+  write_all(file, OutputKind::ffv1, {37, 23, 1.0 / 30.0}, images, times);
 
   const DecodedVideo video = decode_video(file);
   ASSERT_TRUE(video.opened);
@@ -63,15 +63,15 @@ TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   ASSERT_EQ(video.format, AV_PIX_FMT_0RGB32);
   EXPECT_EQ(video.width, 37);
   EXPECT_EQ(video.height, 23);
-  ASSERT_EQ(video.pictures.size(), pictures.size());
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
-    EXPECT_NEAR(video.pictures[i].time_s, static_cast<double>(times[i] - times[0]) * 1e-9, 0.0006);
-    const auto& stored = video.pictures[i].bytes;
-    ASSERT_EQ(stored.size(), pictures[i].size());
+  ASSERT_EQ(video.images.size(), images.size());
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    EXPECT_NEAR(video.images[i].time_s, static_cast<double>(times[i] - times[0]) * 1e-9, 0.0006);
+    const auto& stored = video.images[i].bytes;
+    ASSERT_EQ(stored.size(), images[i].size());
     for (std::size_t p = 0; p < stored.size(); p += 4) {
-      ASSERT_EQ(stored[p + 2], pictures[i][p]) << "red of byte " << p;
-      ASSERT_EQ(stored[p + 1], pictures[i][p + 1]) << "green of byte " << p;
-      ASSERT_EQ(stored[p], pictures[i][p + 2]) << "blue of byte " << p;
+      ASSERT_EQ(stored[p + 2], images[i][p]) << "red of byte " << p;
+      ASSERT_EQ(stored[p + 1], images[i][p + 1]) << "green of byte " << p;
+      ASSERT_EQ(stored[p], images[i][p + 2]) << "blue of byte " << p;
     }
   }
 }
@@ -89,13 +89,13 @@ INSTANTIATE_TEST_SUITE_P(Codecs, VideoWriterCodec,
 
 TEST_P(VideoWriterCodec, WritesSameBytesForSameFrames) {
   const test::TemporaryFolder folder;
-  const auto pictures = noise(64, 48, 8);
+  const auto images = noise(64, 48, 8);
   std::vector<std::int64_t> times;
   for (int i = 0; i < 8; ++i) times.push_back(i * 33'333'333LL);
   const fs::path first = folder.path() / ("a" + extension());
   const fs::path second = folder.path() / ("b" + extension());
-  write_all(first, GetParam(), {64, 48, 1.0 / 30.0}, pictures, times);
-  write_all(second, GetParam(), {64, 48, 1.0 / 30.0}, pictures, times);
+  write_all(first, GetParam(), {64, 48, 1.0 / 30.0}, images, times);
+  write_all(second, GetParam(), {64, 48, 1.0 / 30.0}, images, times);
   EXPECT_FALSE(bytes_of(first).empty());
   EXPECT_EQ(bytes_of(first), bytes_of(second));
 }
@@ -105,9 +105,9 @@ TEST_P(VideoWriterCodec, IncreasesEqualTimestamps) {
   const fs::path file = folder.path() / ("a" + extension());
   write_all(file, GetParam(), {32, 32, 1.0 / 30.0}, noise(32, 32, 3), {7, 7, 7});
   const DecodedVideo video = decode_video(file);
-  ASSERT_EQ(video.pictures.size(), 3U);
-  EXPECT_LT(video.pictures[0].time_s, video.pictures[1].time_s);
-  EXPECT_LT(video.pictures[1].time_s, video.pictures[2].time_s);
+  ASSERT_EQ(video.images.size(), 3U);
+  EXPECT_LT(video.images[0].time_s, video.images[1].time_s);
+  EXPECT_LT(video.images[1].time_s, video.images[2].time_s);
 }
 
 TEST_P(VideoWriterCodec, KeepsOldFileWhenNotFinished) {
@@ -180,15 +180,15 @@ TEST_P(H264Colors, MatchColorTagsOfStream) {
   EXPECT_EQ(video.height, (expected.height + 1) / 2 * 2);
   EXPECT_EQ(video.color_space, expected.space);
   EXPECT_EQ(video.color_range, AVCOL_RANGE_MPEG);
-  ASSERT_EQ(video.pictures.size(), 3U);
-  EXPECT_NEAR(video.pictures[2].time_s - video.pictures[0].time_s, 0.066, 1e-4);
+  ASSERT_EQ(video.images.size(), 3U);
+  EXPECT_NEAR(video.images[2].time_s - video.images[0].time_s, 0.066, 1e-4);
   // ITU-R BT.601 or BT.709, limited range.
   const double y = expected.kr * r + (1.0 - expected.kr - expected.kb) * g + expected.kb * b;
   const double luma = 16.0 + 219.0 * y / 255.0;
   const double cb = 128.0 + 224.0 * (b - y) / (2.0 * (1.0 - expected.kb)) / 255.0;
   const double cr = 128.0 + 224.0 * (r - y) / (2.0 * (1.0 - expected.kr)) / 255.0;
   const auto pixels = static_cast<std::size_t>(video.width * video.height);
-  for (const auto& decoded : video.pictures) {
+  for (const auto& decoded : video.images) {
     ASSERT_EQ(decoded.bytes.size(), pixels * 3 / 2);
     for (std::size_t i = 0; i < decoded.bytes.size(); ++i) {
       const double wanted = i < pixels ? luma : i < pixels * 5 / 4 ? cb : cr;

@@ -56,8 +56,8 @@ TEST(CameraCalibrator, RejectsBlurredPartialMirroredAndRepeatedImages) {
   auto renderer = PatternRenderer::create(camera, board);
   ASSERT_TRUE(renderer);
   std::uint64_t seed = 0;
-  const auto picture = [&](const Eigen::Vector3d& at, double distance_m, double elevation,
-                           double azimuth) {
+  const auto image_from = [&](const Eigen::Vector3d& at, double distance_m, double elevation,
+                              double azimuth) {
     PatternRenderOptions options;
     options.samples = 32;
     options.noise_grey = 1.0;
@@ -79,22 +79,22 @@ TEST(CameraCalibrator, RejectsBlurredPartialMirroredAndRepeatedImages) {
   for (int k = 0; k < 9; ++k) {
     const Eigen::Vector3d at(0.05 * (k % 3 - 1), 0.04 * (k / 3 - 1), 0.0);
     good.push_back(
-        picture(at, 0.38 + 0.05 * (k % 4), radians(40.0 + 12.0 * (k % 4)), radians(80.0 * k)));
+        image_from(at, 0.38 + 0.05 * (k % 4), radians(40.0 + 12.0 * (k % 4)), radians(80.0 * k)));
     add(("view " + std::to_string(k)).c_str(), good.back());
   }
-  add("blurred", box_blurred(picture({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
+  add("blurred", box_blurred(image_from({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
   add("again", good[4]);
-  add("cut off", picture({0.25, 0.15, 0.0}, 0.3, radians(75.0), radians(90.0)));
+  add("cut off", image_from({0.25, 0.15, 0.0}, 0.3, radians(75.0), radians(90.0)));
   for (const std::size_t k : {2U, 5U, 7U}) add("mirrored", mirrored(good[k]));
   const auto result = calibrator->finish();
   ASSERT_TRUE(result) << result.error().message;
-  ASSERT_EQ(result->pictures.size(), 15U);
-  for (std::size_t k = 0; k < 9; ++k) EXPECT_EQ(result->pictures[k].left_out, "") << k;
-  EXPECT_THAT(result->pictures[9].left_out, StartsWith("blurred: edges are "));
-  EXPECT_EQ(result->pictures[10].left_out, "the same view as view 4");
-  EXPECT_THAT(result->pictures[11].left_out, StartsWith("only 1 of 12 tags are seen whole"));
+  ASSERT_EQ(result->images.size(), 15U);
+  for (std::size_t k = 0; k < 9; ++k) EXPECT_EQ(result->images[k].left_out, "") << k;
+  EXPECT_THAT(result->images[9].left_out, StartsWith("blurred: edges are "));
+  EXPECT_EQ(result->images[10].left_out, "the same view as view 4");
+  EXPECT_THAT(result->images[11].left_out, StartsWith("only 1 of 12 tags are seen whole"));
   for (std::size_t k = 12; k < 15; ++k) {
-    EXPECT_THAT(result->pictures[k].left_out, StartsWith("the images are mirrored")) << k;
+    EXPECT_THAT(result->images[k].left_out, StartsWith("the images are mirrored")) << k;
   }
   EXPECT_EQ(result->solution.views.size(), 9U);
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
@@ -106,14 +106,14 @@ TEST(CameraCalibrator, FreesSurplusImagesOfLongSweep) {
   const auto board = test::board(4, 3, 0.04);
   auto renderer = PatternRenderer::create(camera, board);
   ASSERT_TRUE(renderer);
-  constexpr int kPictures = 36;
+  constexpr int kImages = 36;
   std::vector<GreyImage> sweep;
-  for (int k = 0; k < kPictures; ++k) {
+  for (int k = 0; k < kImages; ++k) {
     PatternRenderOptions options;
     options.samples = 8;
     options.seed = static_cast<std::uint64_t>(k + 1);
     // A slow sweep, in which neighbouring images are similar.
-    const double t = 2.0 * M_PI * k / kPictures;
+    const double t = 2.0 * M_PI * k / kImages;
     const Eigen::Vector3d at(0.05 * std::cos(t), 0.04 * std::sin(2.0 * t), 0.0);
     sweep.push_back(renderer->render(
         std::array{test::looking_at(at, 0.42 + 0.06 * std::sin(3.0 * t),
@@ -142,25 +142,25 @@ TEST(CameraCalibrator, FreesSurplusImagesOfLongSweep) {
   EXPECT_EQ(steps[4].what, "plumb_bob, rigid board");
   EXPECT_EQ(found->solution.views.size(), 8U);
   int surplus = 0;
-  for (const CalibrationImage& picture : found->pictures) {
-    if (picture.reason != ImageRejection::surplus) continue;
+  for (const CalibrationImage& image : found->images) {
+    if (image.reason != ImageRejection::surplus) continue;
     ++surplus;
-    EXPECT_EQ(picture.luma.capacity() + picture.view.corners.capacity(), 0U);
+    EXPECT_EQ(image.luma.capacity() + image.view.corners.capacity(), 0U);
   }
-  EXPECT_EQ(surplus, kPictures - 8);
+  EXPECT_EQ(surplus, kImages - 8);
   EXPECT_LT(projection_difference(camera, found->solution.camera).mean_px, 2.0);
 }
 
 TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
-  std::vector<CalibrationImage> pictures(8);
-  pictures[1].reason = ImageRejection::blurred;
-  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = ImageRejection::surplus;
-  for (const std::size_t i : {3U, 7U}) pictures[i].reason = ImageRejection::seen_before;
+  std::vector<CalibrationImage> images(8);
+  images[1].reason = ImageRejection::blurred;
+  for (const std::size_t i : {2U, 4U, 5U}) images[i].reason = ImageRejection::surplus;
+  for (const std::size_t i : {3U, 7U}) images[i].reason = ImageRejection::seen_before;
   using Reported = std::vector<std::optional<int>>;
   const std::nullopt_t no = std::nullopt;
-  EXPECT_EQ(images_to_report(pictures, 3), (Reported{no, 0, 0, 0, 0, 0, no, 0}));
-  EXPECT_EQ(images_to_report(pictures, 2), (Reported{no, 0, 2, 0, no, no, no, 0}));
-  EXPECT_EQ(images_to_report(pictures, 1), (Reported{no, 0, 2, 1, no, no, no, no}));
+  EXPECT_EQ(images_to_report(images, 3), (Reported{no, 0, 0, 0, 0, 0, no, 0}));
+  EXPECT_EQ(images_to_report(images, 2), (Reported{no, 0, 2, 0, no, no, no, 0}));
+  EXPECT_EQ(images_to_report(images, 1), (Reported{no, 0, 2, 1, no, no, no, no}));
 }
 
 // Tags printed at another size than in the file, and corner shifts with another cause.

@@ -207,7 +207,7 @@ CameraCalibration confident_calibration() {
       corner.pixel = {20.0 + 600.0 * (i % 12) / 11.0, 20.0 + 440.0 * (i / 12) / 8.0};
       image.view.corners.push_back(corner);
     }
-    c.pictures.push_back(image);
+    c.images.push_back(image);
   }
   ModelTrial trial;
   trial.held_out_px = c.held_out_px;
@@ -276,7 +276,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideObservedArea) {
   c.trials.push_back(other);
   judge(c);
   const double everywhere = c.uncertainty.largest_px;
-  for (CalibrationImage& image : c.pictures) {
+  for (CalibrationImage& image : c.images) {
     std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 200.0;
     });
@@ -301,7 +301,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesAgreeByChance) {
   p.distortion[0] -= 0.1;
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
-  for (CalibrationImage& image : c.pictures) {
+  for (CalibrationImage& image : c.images) {
     std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 120.0;
     });
@@ -335,12 +335,12 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_EQ(c.advice.size(), 1U);
   // One part of the image has no corner, another part has a single corner.
   c = confident_calibration();
-  for (CalibrationImage& image : c.pictures) {
+  for (CalibrationImage& image : c.images) {
     std::erase_if(image.view.corners, [&](const TargetCorner& corner) {
       const bool top = corner.pixel.y() < 160.0;
       return (top && corner.pixel.x() < 214.0) ||
              (top && corner.pixel.x() > 426.0 &&
-              (&image != &c.pictures.front() || corner.pixel.y() > 60.0));
+              (&image != &c.images.front() || corner.pixel.y() > 60.0));
     });
   }
   judge(c);

@@ -68,8 +68,8 @@ TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
 
 class ViewGuideTest : public testing::Test {
  protected:
-  [[nodiscard]] GreyImage picture(const Eigen::Vector3d& at, double distance_m, double elevation,
-                                  double azimuth) {
+  [[nodiscard]] GreyImage image(const Eigen::Vector3d& at, double distance_m, double elevation,
+                                double azimuth) {
     PatternRenderOptions options;
     options.samples = 32;
     options.noise_grey = 1.0;
@@ -98,7 +98,7 @@ TEST_F(ViewGuideTest, AcceptsInformativeViewsUntilLensIsKnown) {
   for (int k = 0; k < 40 && !guide_.progress().enough; ++k) {
     const Eigen::Vector3d at(0.14 * ((k * 7) % 5 - 2) / 2.0, 0.08 * ((k * 3) % 3 - 1), 0.0);
     const GreyImage view =
-        picture(at, 0.3 + 0.07 * (k % 4), radians(30.0 + 15.0 * (k % 4)), radians(80.0 * k));
+        image(at, 0.3 + 0.07 * (k % 4), radians(30.0 + 15.0 * (k % 4)), radians(80.0 * k));
     (void)guide_.look(view.view());  // the target has just appeared and still moves
     (void)guide_.look(view.view());
     if (const auto px = guide_.progress().largest_px) {
@@ -112,7 +112,7 @@ TEST_F(ViewGuideTest, AcceptsInformativeViewsUntilLensIsKnown) {
   EXPECT_LE(*progress.largest_px, options().goal_px);
   EXPECT_THAT(progress.lens, testing::StartsWith("plumb_bob"));
   // A repeated view adds no information.
-  const GreyImage again = picture({0.0, 0.0, 0.0}, 0.4, radians(60.0), radians(80.0));
+  const GreyImage again = image({0.0, 0.0, 0.0}, 0.4, radians(60.0), radians(80.0));
   (void)guide_.look(again.view());
   (void)guide_.look(again.view());
   const GuideResult look = guide_.look(again.view());
@@ -123,8 +123,8 @@ TEST_F(ViewGuideTest, AcceptsInformativeViewsUntilLensIsKnown) {
 TEST_F(ViewGuideTest, ReportsWhyImageIsRejected) {
   const std::vector<std::uint8_t> grey(1280 * 720, 128);
   EXPECT_EQ(guide_.look({grey.data(), 1280, 720, 1280}).why, "no tag of the target is seen");
-  const GreyImage one = picture({0.0, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
-  const GreyImage other = picture({0.04, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
+  const GreyImage one = image({0.0, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
+  const GreyImage other = image({0.04, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
   EXPECT_TRUE(guide_.look(one.view()).taken);
   EXPECT_EQ(guide_.look(other.view()).why, "it moves: hold still");
   EXPECT_EQ(guide_.look(one.view()).why, "it moves: hold still");

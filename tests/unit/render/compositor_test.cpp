@@ -143,14 +143,14 @@ TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
         for (const ColorMatrix matrix : {ColorMatrix::bt601, ColorMatrix::bt709}) {
           for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
             const Frame frame = noise_frame(format, width, height, matrix, range);
-            const RenderedImage picture = studio.draw(frame, FramePlan());
+            const RenderedImage image = studio.draw(frame, FramePlan());
             double worst = 0.0;
             for (int y = 0; y < height; ++y) {
               for (int x = 0; x < width; ++x) {
                 const auto expected = reference_rgb(frame, x, y);
                 for (std::size_t c = 0; c < 3; ++c)
-                  worst = std::max(worst, std::abs(picture.at(x, y)[c] - expected[c]));
-                ASSERT_EQ(picture.at(x, y)[3], 255);
+                  worst = std::max(worst, std::abs(image.at(x, y)[c] - expected[c]));
+                ASSERT_EQ(image.at(x, y)[3], 255);
               }
             }
             // A GPU's texture filter may interpolate chroma with 8 bits of weight.
@@ -260,12 +260,12 @@ TEST(Compositor, DrawsSameFrameOnBothApisAndEveryRun) {
     options.technique = technique;
     for (const CameraPose& pose : views_of(technique)) {
       const FramePlan plan = desktop.plan(test::tracked(pose), options);
-      const RenderedImage picture = desktop.draw(frame, plan);
-      ASSERT_EQ(picture, again.draw(frame, plan));
+      const RenderedImage image = desktop.draw(frame, plan);
+      ASSERT_EQ(image, again.draw(frame, plan));
       const RenderedImage other = embedded.draw(frame, plan);
       int differing = 0;
-      for (std::size_t i = 0; i < picture.rgba.size(); ++i)
-        differing += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+      for (std::size_t i = 0; i < image.rgba.size(); ++i)
+        differing += std::abs(image.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
       EXPECT_LE(differing, 8) << name;
     }
   }

@@ -86,7 +86,7 @@ class Blocked {
       const ShadowKernels none{plane.n, mesh.positions, {}};
       const auto triangles =
           projected_triangles(place_caster(mesh, none, state.objects[i], plane), mesh.indices,
-                              state.lights[static_cast<std::size_t>(light)].place, plane);
+                              state.lights[static_cast<std::size_t>(light)].position, plane);
       triangles_.insert(triangles_.end(), triangles.begin(), triangles.end());
     }
   }
@@ -108,7 +108,7 @@ double expected_red(const Scene& scene, const std::vector<double>& blocked, cons
   double lost = 0.0;
   const SceneState state = evaluate_scene(scene, 0.0);
   for (std::size_t i = 0; i < state.lights.size(); ++i) {
-    const Eigen::Vector4d& at = state.lights[i].place;
+    const Eigen::Vector4d& at = state.lights[i].position;
     const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
     const double arriving = state.lights[i].color.x() * std::max(plane.n.dot(l), 0.0);
     all += arriving;

@@ -522,7 +522,7 @@ TEST_F(SceneFile, MovesLightsAndFollowsSunCalendar) {
       load(R"({"objects":[],"lights":[{"name":"l","kind":"point","position":[0,0,1],"animation":)"
            R"({"loop":false,"keyframes":[{"time_s":0},{"time_s":1,"position":[0.5,0,0]}]}}]})");
   ASSERT_TRUE(moving) << moving.error().message;
-  EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].place, Eigen::Vector4d(0.5, 0, 1, 1));
+  EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].position, Eigen::Vector4d(0.5, 0, 1, 1));
 }
 
 TEST_F(SceneFile, UsesNamedWallsOrCreatesDefaults) {

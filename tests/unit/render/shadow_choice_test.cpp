@@ -220,9 +220,9 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
     return lifted_by_ambient(given, scene, lights, Eigen::Vector3d::UnitZ(), {0.1, 0.0, 0.0});
   };
   PlacedLight above;  // straight above the point, not attenuated
-  above.place = {0.1, 0.0, 2.0, 1.0};
+  above.position = {0.1, 0.0, 2.0, 1.0};
   PlacedLight sideways;
-  sideways.place = {1.0, 0.0, 0.0, 0.0};
+  sideways.position = {1.0, 0.0, 0.0, 0.0};
   for (const double weak : {0.0, 0.2, Scene::kBrightRoomAmbient}) {
     EXPECT_EQ(lifted(weak, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(weak, {above}).penumbra, given.penumbra);

@@ -61,7 +61,7 @@ TEST(ShadowEvents, ListChangedObjectsAndLights) {
   EXPECT_TRUE(shadow_events(before, before).empty()) << "equal states have no events";
   SceneState now = before;
   now.time_s = 1.0;
-  now.lights[1].place.x() += 0.1;
+  now.lights[1].position.x() += 0.1;
   now.objects[0].position.z() += 0.1;
   now.objects[0].scale = 2.0;
   now.objects[2].rotation = Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX());
@@ -118,9 +118,9 @@ TEST(AnimatedLight, MovesAndRotates) {
   sky.animation.spin_turns_per_s = 0.25;
   sky.intensity = 0.5;
   const SceneState state = evaluate_scene(scene, 1.0);
-  EXPECT_LT((state.lights[0].place - Eigen::Vector4d(0.2, 0.2, 0.55, 1.0)).norm(), 1e-12);
+  EXPECT_LT((state.lights[0].position - Eigen::Vector4d(0.2, 0.2, 0.55, 1.0)).norm(), 1e-12);
   const double h = std::sqrt(0.5);
-  EXPECT_LT((state.lights[1].place - Eigen::Vector4d(0.0, h, h, 0.0)).norm(), 1e-12);
+  EXPECT_LT((state.lights[1].position - Eigen::Vector4d(0.0, h, h, 0.0)).norm(), 1e-12);
   EXPECT_EQ(state.lights[1].color, Eigen::Vector3d::Constant(0.5));
 }
 
@@ -150,9 +150,9 @@ TEST(Sun, LightsTableFromItsDirection) {
   EXPECT_EQ(evaluate_scene(scene, 0.0).lights[0].color.norm(), 0.0) << "night";
   const PlacedLight noon = evaluate_scene(scene, 11.3).lights[0];
   EXPECT_GT(noon.color.norm(), 0.0);
-  EXPECT_NEAR(std::asin(noon.place.z()) / kDegree, 90.0 - 48.0 + 23.44, 0.05);
-  EXPECT_LT(noon.place.y(), 0.0) << "in the south";
-  EXPECT_GT(evaluate_scene(scene, 6.0).lights[0].place.x(), 0.0) << "in the east in the morning";
+  EXPECT_NEAR(std::asin(noon.position.z()) / kDegree, 90.0 - 48.0 + 23.44, 0.05);
+  EXPECT_LT(noon.position.y(), 0.0) << "in the south";
+  EXPECT_GT(evaluate_scene(scene, 6.0).lights[0].position.x(), 0.0) << "in the east in the morning";
 }
 
 }  // namespace

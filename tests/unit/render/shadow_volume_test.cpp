@@ -252,7 +252,7 @@ double share_of(int light, const FramePlan& plan, const Scene& scene, const Eige
   double total = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
   double of_light = 0.0;
   for (std::size_t i = 0; i < plan.lights.size(); ++i) {
-    const Eigen::Vector4d& at = plan.lights[i].place;
+    const Eigen::Vector4d& at = plan.lights[i].position;
     const Eigen::Vector3d l = (at.head<3>() - at.w() * place).normalized();
     const double arriving = plan.lights[i].color.x() * std::max(0.0, normal.dot(l));
     total += arriving;

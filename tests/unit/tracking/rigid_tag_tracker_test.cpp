@@ -336,7 +336,7 @@ TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
     auto exposure_known = GroupTracker::create(session.camera, map, options).value();
     auto exposure_unknown = GroupTracker::create(session.camera, map, options).value();
     for (int f = 0; f < 16; ++f) {
-      Frame frame = session.picture(renderer, f);
+      Frame frame = session.image(renderer, f);
       const PoseEstimate a = exposure_unknown.track(frame).pose;
       frame.exposure_s = session.exposure_s;
       const PoseEstimate b = exposure_known.track(frame).pose;
@@ -426,7 +426,7 @@ TEST(RigidTagTracker, CorrectsRollingShutter) {
   constexpr int kFrames = 14;
   constexpr int kFirst = 4;  // first frame with a known velocity
   for (int i = 0; i < kFrames; ++i) {
-    const Frame frame = session.picture(renderer, i);
+    const Frame frame = session.image(renderer, i);
     const TrackedFrame with = knowing.track(frame);
     const TrackedFrame without = unknowing.track(frame);
     ASSERT_EQ(with.pose.status, TrackStatus::tracked) << i << ": " << text_of(with.pose.reason);
@@ -472,10 +472,10 @@ TEST(RigidTagTracker, TracksSingleTagWithoutMirroredPose) {
         render.samples = 32;
         render.seed = static_cast<std::uint64_t>(100 * path + i + 1);
         const std::array<CameraPose, 1> poses = {truth};
-        const GreyImage picture = renderer.render(poses, render);
+        const GreyImage image = renderer.render(poses, render);
         FrameBuffer buffer = allocate_frame(PixelFormat::grey8, camera.width(), camera.height());
         for (int y = 0; y < camera.height(); ++y)
-          std::copy_n(picture.pixels.data() + y * camera.width(), camera.width(),
+          std::copy_n(image.pixels.data() + y * camera.width(), camera.width(),
                       buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
         buffer.frame.timestamp_ns = nanoseconds(t);
         const PoseEstimate pose = tracker.track(buffer.frame).pose;

@@ -63,8 +63,8 @@ class Views {
   // Start pose, about one pixel from the truth.
   [[nodiscard]] const CameraPose& start(int view) const { return starts_[at(view)]; }
 
-  [[nodiscard]] GreyImage picture(int view, const Tone& tone, double noise_grey,
-                                  double gain = 1.0) const {
+  [[nodiscard]] GreyImage image(int view, const Tone& tone, double noise_grey,
+                                double gain = 1.0) const {
     std::mt19937_64 random(31U + static_cast<std::uint64_t>(view));
     std::normal_distribution<double> noise(0.0, 1.0);
     GreyImage image;
@@ -81,7 +81,7 @@ class Views {
   [[nodiscard]] ToneEstimator shown(const Tone& tone, double noise_grey, double gain = 1.0) const {
     ToneEstimator estimator = ToneEstimator::create(camera_, tags_).value();
     for (int k = 0; k < count(); ++k)
-      estimator.add(picture(k, tone, noise_grey, gain).view(), start(k));
+      estimator.add(image(k, tone, noise_grey, gain).view(), start(k));
     return estimator;
   }
 
@@ -110,7 +110,7 @@ TEST(ToneEstimator, EstimatesExponentOfImages) {
       SCOPED_TRACE(fmt::format("exponent {}, noise {}", exponent, noise));
       const auto estimate = board_views().shown(power(exponent), noise).estimate();
       ASSERT_TRUE(estimate) << estimate.error().message;
-      EXPECT_EQ(estimate->pictures, kImages);
+      EXPECT_EQ(estimate->images, kImages);
       EXPECT_NEAR(estimate->exponent, exponent, std::min(estimate->sigma, 0.03));
       EXPECT_LT(estimate->sigma, 0.15);
       // Lens blur of 0.5 px, combined with the pixel's box.
@@ -168,7 +168,7 @@ TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
     auto aligner = TagAligner::create(views.camera(), views.tags(), options).value();
     double sum = 0.0;
     for (int k = 0; k < views.count(); ++k) {
-      const GreyImage image = views.picture(k, srgb, 0.0);
+      const GreyImage image = views.image(k, srgb, 0.0);
       AlignmentInput input;
       input.luma = image.view();
       input.predicted = as_map_pose(views.start(k));
@@ -202,7 +202,7 @@ TEST(ToneEstimator, RejectsInconsistentImage) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < views.count(); ++k) {
-    const GreyImage image = views.picture(k, power(k == 2 ? 3.0 : 1.4), 2.0);
+    const GreyImage image = views.image(k, power(k == 2 ? 3.0 : 1.4), 2.0);
     EXPECT_TRUE(estimator.add(image.view(), views.start(k)));
   }
   const auto estimate = estimator.estimate();
@@ -214,7 +214,7 @@ TEST(ToneEstimator, FailsForInconsistentImages) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < views.count(); ++k)
-    estimator.add(views.picture(k, power(1.0 + 0.5 * k), 2.0).view(), views.start(k));
+    estimator.add(views.image(k, power(1.0 + 0.5 * k), 2.0).view(), views.start(k));
   const auto estimate = estimator.estimate();
   ASSERT_FALSE(estimate);
   EXPECT_NE(estimate.error().message.find("leave the tone curve's exponent open"),
@@ -226,7 +226,7 @@ TEST(ToneEstimator, FailsForTooFewImages) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < 4; ++k)
-    EXPECT_TRUE(estimator.add(views.picture(k, power(1.4), 2.0).view(), views.start(k)));
+    EXPECT_TRUE(estimator.add(views.image(k, power(1.4), 2.0).view(), views.start(k)));
   const auto estimate = estimator.estimate();
   ASSERT_FALSE(estimate);
   EXPECT_NE(estimate.error().message.find("4 images"), std::string::npos);
@@ -234,7 +234,7 @@ TEST(ToneEstimator, FailsForTooFewImages) {
 
 TEST(ToneEstimator, RejectsUninformativeImages) {
   const Views& views = board_views();
-  const GreyImage good = views.picture(0, power(1.4), 2.0);
+  const GreyImage good = views.image(0, power(1.4), 2.0);
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   EXPECT_FALSE(estimator.add({}, views.start(0)));
   EXPECT_FALSE(estimator.add({good.pixels.data(), 320, 240, 640}, views.start(0)));
@@ -242,9 +242,9 @@ TEST(ToneEstimator, RejectsUninformativeImages) {
   EXPECT_FALSE(estimator.add(
       good.view(), CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(nan, 0.0, 0.4))));
   EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // the board's pose is wrong
-  EXPECT_FALSE(estimator.add(views.picture(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
+  EXPECT_FALSE(estimator.add(views.image(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
       << "the paper is overexposed";
-  EXPECT_FALSE(estimator.add(views.picture(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
+  EXPECT_FALSE(estimator.add(views.image(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
       << "the contrast is too low";
   GreyImage flat = good;
   for (const int grey : {0, 128, 255}) {
