@@ -134,9 +134,9 @@ void print_summary(const CameraCalibration& calibration) {
   }
   if (const auto& table = calibration.table) {
     fmt::print(
-        "over the table: corners of a 0.2 m cube, seen from {:.2f} m, to {:.2f} px (1 sigma) at "
-        "worst with the pose found by this lens, {:.2f} px with the pose known\n",
-        table->distance_m, table->largest_tracked_px(), table->largest_known_pose_px());
+        "objects on the table are drawn to {:.2f} px (1 sigma; corners of a 0.2 m cube seen from "
+        "{:.2f} m; with poses by another lens: {:.2f} px)\n",
+        table->largest_tracked_px(), table->distance_m, table->largest_known_pose_px());
   }
 }
 
@@ -451,12 +451,11 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
                   "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml "
                   "--keep views");
   const auto options = std::make_shared<CalibrateOptions>();
-  add_option(command, "source", "SOURCE", options->source,
-             "A recording, a folder of images, a camera as in penumbra live, or recording:FOLDER")
+  add_option(command, "SOURCE", "FOLDER|CAMERA", options->source,
+             "A recording, a folder of images, or a camera as in penumbra live")
       ->required();
   add_option(command, "--target", "FILE", options->target,
-             "The printed target: tags.yaml, aprilgrid.yaml, chessboard.yaml, or what penumbra "
-             "target wrote")
+             "Target: tags.yaml, aprilgrid.yaml, chessboard.yaml, or as penumbra target wrote")
       ->required();
   add_option(command, "--output", "camera.yaml", options->output, "The camera's file")->required();
   add_option(command, "--report", "report.html", options->report,
@@ -464,35 +463,30 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   start_group(command, "Solving");
   std::vector<std::string> models;
   for (const DistortionModel model : kDistortionModels) models.emplace_back(short_name(model));
-  const std::string model_help =
-      fmt::format("Lens: {}, or auto: the simplest that explains views it has not seen",
-                  fmt::join(models, ", "));
+  const std::string model_help = fmt::format(
+      "Lens model: {}, or auto: the simplest that predicts the views", fmt::join(models, ", "));
   models.insert(models.begin(), "auto");
-  command.add_option("--model", options->model, model_help)
-      ->check(CLI::IsMember(models))
+  add_option(command, "--model", "MODEL", options->model, model_help)
+      ->check(CLI::IsMember(models).description(""))
       ->capture_default_str();
-  command
-      .add_option("--board", options->board,
-                  "Shape of the target: rigid (as its file says), bowed, free (an offset for each "
-                  "corner), or auto")
-      ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}))
+  add_option(
+      command, "--board", "SHAPE", options->board,
+      "Shape of the target: rigid (as in its file), bowed, free (an offset per corner), auto")
+      ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}).description(""))
       ->capture_default_str();
-  command
-      .add_option("--format", options->format,
-                  "Format of the camera file: ros, opencv, kalibr, or auto: by its name")
-      ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
+  add_choice_option(command, "--format", {"auto", "ros", "opencv", "kalibr"}, options->format,
+                    "Format of the camera file; auto: by its name")
       ->capture_default_str();
   CLI::Option* compare = add_option(command, "--compare", "FILE", options->compare,
                                     "An earlier calibration to compare with");
   add_camera_name_option(command, options->compare_name)
-      ->description("Name of the camera in the file of --compare, if that holds several")
+      ->description("Camera in the file of --compare, if it has several")
       ->needs(compare);
-  command
-      .add_option("--focus-position", options->focus_position,
-                  "Focus position of the lens in the driver's units, stored in the file")
+  add_option(command, "--focus-position", "N", options->focus_position,
+             "Focus position of the lens in the driver's units, stored in the file")
       ->check(check_number);
-  command.add_option("--views", options->views, "Maximum number of views to solve from")
-      ->check(CLI::Range(3, 1000))
+  add_option(command, "--views", "N", options->views, "Maximum number of views to solve from")
+      ->check(in_range(3, 1000))
       ->capture_default_str();
   start_group(command, "Camera");
   add_option(command, "--keep", "FOLDER", options->capture.keep,
@@ -501,13 +495,11 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
                "Guide on the terminal, even if there is a display");
   add_size_option(command, "WxH", options->camera.width, options->camera.height,
                   "Size of a camera's images");
-  command.add_option("--fps", options->camera.fps, "Frame rate of a camera")
-      ->check(CLI::Range(0.1, 1000.0));
-  command
-      .add_option(
-          "--duration", options->capture.duration_s,
-          "Seconds to take views from a camera (default: until there are enough, or Ctrl-C)")
-      ->check(CLI::Range(0.1, 1e6));
+  add_option(command, "--fps", "RATE", options->camera.fps, "Frame rate of a camera")
+      ->check(in_range(0.1, 1000.0));
+  add_option(command, "--duration", "SECONDS", options->capture.duration_s,
+             "Time to take views from a camera (default: until there are enough)")
+      ->check(in_range(0.1, 1e6));
   put_first(command, {"--model", "--compare", "--camera-name"});
   command.callback([options, &command, &chosen] {
     check_options(command, *options);

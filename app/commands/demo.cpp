@@ -51,7 +51,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
     options->request.output = path;
   };
   add_text_option(command, "--output", "PATH", set_output,
-                  "The composited video: *.mp4 (H.264) or *.mkv (FFV1, lossless)")
+                  "Composited video: *.mp4 (H.264) or *.mkv (FFV1)")
       ->default_str(options->request.output->string());
   add_shadow_options(command, options->shadow);
   add_off_flag(command, "--no-window", options->request.window,

@@ -261,9 +261,9 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
              "Plot of --split-half: errors over the frames, causes of the residuals");
   start_group(command, "Groups of tags");
   add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
-             "Estimated places of groups: NAME.tum each, as --group-poses writes them");
+             "Estimated poses of groups, as --group-poses writes them");
   add_option(command, "--groundtruth-groups", "FOLDER", options->groundtruth_groups,
-             "Their true places, as simulate writes them");
+             "True poses of groups, as simulate writes them");
   add_tracking_options(command, options->tracking);
   add_pairing_options(command, options->pairing);
   command.callback([&command, options, &chosen] {

@@ -143,10 +143,8 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("KERNELS")
       ->default_str("auto");
   add_part_group_option(command, options->groups);
-  add_option(
-      command, "--output", "FILE.json|FILE.glb", options->output,
-      "A kernel file, or a model with the attribute _SHADOW_KERNEL, which every command then "
-      "uses")
+  add_option(command, "--output", "FILE", options->output,
+             "A kernel file (.json), or a copy of the model with its kernels (.glb)")
       ->required();
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--output"});

@@ -20,11 +20,6 @@ struct LiveOptions {
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
   PENUMBRA_TRY_VOID(complete(request));
-  if (request.camera.calibration.empty()) {
-    return fail(
-        "--calibration is required: name the camera.yaml that penumbra calibrate writes for this "
-        "camera");
-  }
   PENUMBRA_TRY(request.tags,
                tags_for_camera(options.tags, request.camera.source, request.camera.calibration));
   request.camera.recorded = request.record.has_value();
@@ -32,6 +27,7 @@ Result<ExitCode> live(const LiveOptions& options) {
   PENUMBRA_TRY(const auto report, run_live(request));
   fmt::print("{}", report_table(report));
   if (report.failure) return tl::unexpected(*report.failure);
+  fmt::print("{}", written_files(request, request.record));
   return ExitCode::success;
 }
 
@@ -64,7 +60,7 @@ std::string check_control(const std::string& text) {
 
 void add_camera_options(CLI::App& command, CameraRequest& camera) {
   add_option(command, "--camera", "CAMERA", camera.source,
-             "v4l2:/dev/video0, libcamera:0, libcamera:NAME, or recording:FOLDER, in a loop")
+             "v4l2:DEVICE, libcamera:NUMBER, libcamera:NAME, or recording:FOLDER")
       ->capture_default_str();
   add_option(command, "--calibration", "camera.yaml", camera.calibration,
              "The camera's model, at the size it gives (penumbra calibrate)");
@@ -75,10 +71,11 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
   command.add_flag("--scale-calibration", camera.scale_calibration,
                    "Scale the calibration by a whole number; --size must show the same view");
   add_fps_option(command, camera.fps);
-  command
-      .add_option("--format", camera.format,
-                  "Pixel format (default: the one that costs least at that size and rate)")
-      ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg", "rgb"}));
+  add_text_option(
+      command, "--format", "FORMAT",
+      [&camera](const std::string& format) { camera.format = format; },
+      "grey, nv12, yu12, yuyv, mjpeg or rgb (default: the cheapest at that size and rate)")
+      ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg", "rgb"}).description(""));
   CameraControls& controls = camera.controls;
   add_automatic_option(
       command, "--exposure", "MS|auto", controls.auto_exposure,
@@ -112,8 +109,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--record", "FOLDER", request.record,
              "Record the camera's frames, as a recording that replay opens");
   add_option(command, "--duration", "SECONDS", request.duration_s,
-             "End this many seconds after the first frame; without one after at least 10 s")
-      ->check(CLI::Range(0.001, 1e9));
+             "End this many seconds after the first frame")
+      ->check(in_range(0.001, 1e9));
   add_scene_option(command, request);
   add_option(command, "--tags", "FILE.yaml", options->tags,
              "Tag map (default: tags.yaml of the recording that is played, or beside the "
@@ -131,6 +128,11 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
+    if (options->request.camera.calibration.empty()) {
+      usage_error(
+          "--calibration",
+          "is required: name the camera.yaml that penumbra calibrate writes for this camera");
+    }
     if (played_recording(options->request.camera.source)) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {

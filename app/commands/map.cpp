@@ -171,7 +171,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");
   const auto options = std::make_shared<MapOptions>();
-  add_option(command, "recording", "RECORDING", options->recording,
+  add_option(command, "RECORDING", "FOLDER", options->recording,
              "Recording; a tags.yaml in it is not read")
       ->required();
   CLI::Option* size = add_option(command, "--tag-size", "METRES", options->survey.tag_size_m,
@@ -182,16 +182,14 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--anchor", "ID", options->survey.anchor,
              "The tag that is the table's origin and gives its x axis")
       ->required()
-      ->check(CLI::NonNegativeNumber);
-  command.add_option("--family", options->family, "Tag family")->capture_default_str();
+      ->check(CLI::Validator(CLI::NonNegativeNumber).description(""));
+  add_option(command, "--family", "FAMILY", options->family, "Tag family")->capture_default_str();
   add_option(command, "--camera", "camera.yaml", options->camera,
              "Camera (default: the recording's)");
   add_camera_name_option(command, options->camera_name);
-  command
-      .add_option("--plane", options->plane,
-                  "Plane z = 0: fitted to the tags that lie flat beside the anchor, or the "
-                  "anchor's own plane")
-      ->check(CLI::IsMember({"fitted", "anchor"}))
+  add_choice_option(command, "--plane", {"fitted", "anchor"}, options->plane,
+                    "Plane z = 0: fitted to the tags that lie flat beside the anchor, or the "
+                    "anchor's")
       ->capture_default_str();
   add_option(command, "--refine-camera", "camera.yaml", options->refined_camera,
              "Solve for the lens too, and write it here");

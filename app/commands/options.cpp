@@ -44,10 +44,9 @@ void add_seconds_option(CLI::App& command, const std::string& name, double min_v
   add_text_option(command, name, "SECONDS", set_value, description)->default_str(default_text);
 }
 
-// Wraps a text at blanks. Continuation lines begin with `indent` blanks.
-std::string wrapped(std::string_view text, std::size_t indent) {
+// Wraps a text at blanks. It begins at `column`; continuation lines begin with `indent` blanks.
+std::string wrapped(std::string_view text, std::size_t column, std::size_t indent) {
   std::string result;
-  std::size_t column = indent;
   for (const std::string_view word : split(text, ' ')) {
     const bool fits = column + word.size() <= kHelpWidth;
     if (!result.empty()) result += fits ? " " : "\n" + std::string(indent, ' ');
@@ -57,19 +56,18 @@ std::string wrapped(std::string_view text, std::size_t indent) {
   return result;
 }
 
-// Returns a name and its description, which begins at `column`, on the next line if necessary.
+// Returns a name and its description, which begins at `column`, or two blanks after a longer name.
 std::string help_entry(const std::string& name, const std::string& text, std::size_t column) {
   std::string entry = "  " + std::string(trim(name));
-  const bool fits = entry.size() + 2 <= column;
-  entry += fits ? std::string(column - entry.size(), ' ') : "\n" + std::string(column, ' ');
-  return entry + wrapped(text, column) + "\n";
+  entry += std::string(std::max(column, entry.size() + 2) - entry.size(), ' ');
+  return entry + wrapped(text, entry.size(), column) + "\n";
 }
 
 class HelpFormatter final : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App* app, std::string name,
                         CLI::AppFormatMode mode) const override {
-    std::string help = wrapped(app->get_description(), 0) + "\n" +
+    std::string help = wrapped(app->get_description(), 0, 0) + "\n" +
                        make_usage(app, std::move(name)) + make_positionals(app);
     std::vector<std::string> groups = app->get_groups();
     std::ranges::rotate(groups,
@@ -83,12 +81,18 @@ class HelpFormatter final : public CLI::Formatter {
     help += make_subcommands(app, mode) + "\n";
     const std::string footer = app->get_footer();
     for (const std::string_view line : split(footer, '\n'))
-      help += (line.starts_with(' ') ? std::string(line) : wrapped(line, 0)) + "\n";
+      help += (line.starts_with(' ') ? std::string(line) : wrapped(line, 0, 0)) + "\n";
     return help;
   }
   std::string make_option(const CLI::Option* option, bool is_positional) const override {
     return help_entry(make_option_name(option, is_positional) + make_option_opts(option),
                       option->get_description(), kOptionColumn);
+  }
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string value = option->get_type_size() == 0 ? "" : " " + option->get_type_name();
+    if (!option->get_default_str().empty()) value += "=" + option->get_default_str();
+    if (option->get_expected_max() == CLI::detail::expected_max_vector_size) value += " ...";
+    return value + (option->get_required() ? " (required)" : "");
   }
   std::string make_subcommand(const CLI::App* command) const override {
     return help_entry(command->get_name(), command->get_description(), kCommandColumn);
@@ -128,9 +132,8 @@ void add_common_options(CLI::App& command) {
     usage_error("--log-level", "{}: no such level; known: trace, debug, info, warning, error, off",
                 name);
   };
-  add_text_option(
-      command, "--log-level", "LEVEL", set_value,
-      "Lowest level of messages on standard error: trace, debug, info, warning, error, off")
+  add_text_option(command, "--log-level", "LEVEL", set_value,
+                  "Lowest level of messages: trace, debug, info, warning, error, off")
       ->default_str("warning");
 }
 
@@ -138,6 +141,14 @@ CLI::Option* add_text_option(CLI::App& command, const std::string& name, const s
                              const std::function<void(const std::string&)>& set_value,
                              const std::string& description) {
   return command.add_option_function<std::string>(name, set_value, description)->type_name(type);
+}
+
+CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
+                               const std::vector<std::string>& words, std::string& variable,
+                               const std::string& description) {
+  const std::string type = fmt::format("{}", fmt::join(words, "|"));
+  return add_option(command, name, type, variable, description)
+      ->check(CLI::IsMember(words).description(""));
 }
 
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
@@ -175,9 +186,8 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       },
       fmt::format("Shadow kernels in place of the scene's: {}, or a kernel file",
                   joined_names(kKernelSourceNames, ", ")));
-  add_word_option(
-      command, "--light-mode", kLightModeNames, "mode", plan.light_mode,
-      "Light of layered shadows: proportional to each part's thickness, or of one fixed size");
+  add_word_option(command, "--light-mode", kLightModeNames, "mode", plan.light_mode,
+                  "Size of the light: proportional to each part's thickness, or fixed");
   add_text_option(
       command, "--proxy", "auto|none",
       [&choice](const std::string& name) {
@@ -188,13 +198,11 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       },
       "auto: reduced models of the scene cast where exact enough; none: objects cast themselves")
       ->default_str("auto");
-  add_word_option(
-      command, "--translucency", kTranslucencyNames, "way", plan.translucency,
-      "How the video shines through; auto: the first of blend, retexture, mesh that works")
+  add_word_option(command, "--translucency", kTranslucencyNames, "way", plan.translucency,
+                  "How the video shines through; auto: the first that works")
       ->default_str("auto");
-  add_word_option(
-      command, "--layers", kLayerDrawingNames, "way", plan.layers,
-      "Layers drawn face by face (direct) or as one mask per plane (mask); auto: by cost")
+  add_word_option(command, "--layers", kLayerDrawingNames, "way", plan.layers,
+                  "direct: layers drawn face by face; mask: one mask per plane; auto: by cost")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
                    "Draw rays from lights through vertices to their shadows, for hard, volume");
@@ -279,7 +287,7 @@ void add_size_option(CLI::App& command, const std::string& type, std::optional<i
 
 CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps) {
   return add_option(command, "--fps", "RATE", fps, "Rate to ask the camera for (default: 30)")
-      ->check(CLI::Range(0.1, 1000.0));
+      ->check(in_range(0.1, 1000.0));
 }
 
 void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
@@ -293,14 +301,13 @@ void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
 CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>& poses_from) {
   return add_option(
       command, "--poses-from", "groundtruth|FILE.tum", poses_from,
-      "Draw with given poses instead of tracking: groundtruth (the recording's), or a "
-      "TUM file");
+      "Draw with these poses, without tracking: the recording's truth, or a TUM file");
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   start_group(command, "Tracking");
   add_word_option(command, "--tracking", kTrackingModeNames, "way", tracking.mode,
-                  "auto: fast while the view moves, else accurate; detect: detection alone")
+                  "auto: fast while the view moves, else accurate; detect: no alignment")
       ->default_str("auto");
   const auto set_budget = [&tracking](double px) {
     if (!std::isfinite(px) || !(px > 0.0)) {
@@ -353,7 +360,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
   start_group(command, "Drawing");
   add_option(command, "--threads", "N", request.threads,
              "1: one stage after another; more: side by side. The results are the same")
-      ->check(CLI::Range(1, 1024))
+      ->check(in_range(1, 1024))
       ->capture_default_str();
   command.add_flag("--rectified", request.rectified,
                    "The image without the lens's distortion; the video is resampled");
@@ -376,7 +383,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
   };
   add_text_option(command, "--pixel-buffers", "auto|on|off", set_pixel_buffers,
                   "Transfer pixels through buffers; auto: on with a GPU. The results are the same")
-      ->check(CLI::IsMember({"auto", "on", "off"}))
+      ->check(CLI::IsMember({"auto", "on", "off"}).description(""))
       ->default_str("auto");
   add_off_flag(command, "--no-video-light", request.video_light,
                "Light virtual objects by the scene alone, without measuring the video's light");
@@ -410,6 +417,16 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
              "Poses (T_table_group) of the tag groups beside the table: NAME.tum of each");
   add_option(command, "--report", "FILE.json", request.report,
              "Report with all measurements, as JSON; - is standard output");
+}
+
+std::string written_files(const OutputRequest& request,
+                          const std::optional<std::filesystem::path>& recording) {
+  std::vector<std::string> paths;
+  for (const auto& path :
+       {request.output, request.poses, request.group_poses, request.report, recording}) {
+    if (path && !names_standard_output(path->string())) paths.push_back(path->string());
+  }
+  return paths.empty() ? "" : fmt::format("\nwrote {}\n", fmt::join(paths, ", "));
 }
 
 std::function<std::string(const std::string&)> length_check(std::string_view symbol,

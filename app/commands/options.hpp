@@ -75,6 +75,14 @@ CLI::Option* add_option(CLI::App& command, const std::string& name, const std::s
                         T& variable, const std::string& description) {
   return command.add_option(name, variable, description)->type_name(type);
 }
+// Adds an option that accepts one of `words`.
+CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
+                               const std::vector<std::string>& words, std::string& variable,
+                               const std::string& description);
+// Returns a check whose range appears in its error message, but not in the help.
+[[nodiscard]] inline CLI::Validator in_range(auto min_value, decltype(min_value) max_value) {
+  return CLI::Range(min_value, max_value).description("");
+}
 // Adds an option whose text is passed to `set_value`, which may reject it with usage_error().
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
                              const std::function<void(const std::string&)>& set_value,
@@ -130,6 +138,10 @@ struct KernelChoice {
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);
+// Returns the line "wrote A, B" of a successful run, or "" if it wrote no file. `recording`: the
+// folder that live recorded.
+[[nodiscard]] std::string written_files(const OutputRequest& request,
+                                        const std::optional<std::filesystem::path>& recording = {});
 void add_scene_option(CLI::App& command, RunRequest& request);
 void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow);
 void add_window_options(CLI::App& command, RunRequest& request);

@@ -72,27 +72,25 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
              "Highest point that objects take [m]: chooses H and A, with --magnification");
   add_option(command, "--magnification", "M", options->magnification,
              "Maximum magnification of the middle layer there (above 1)");
-  add_option(command, "--kernels", "auto|smooth|per-axis|cocl|FILE", options->kernels,
-             "auto (stored in the model, or from the silhouette), smooth, per-axis, cocl, or a "
-             "kernel file")
+  add_option(command, "--kernels", "KERNELS|FILE.json", options->kernels,
+             "auto (the model's, or from its silhouette), smooth, per-axis, cocl, or a file")
       ->capture_default_str();
   add_option(command, "--light-mode", "proportional|fixed", options->light_mode,
-             "proportional: a light for each part by its thickness; fixed: one size of light")
+             "Size of the light: proportional to each part's thickness, or fixed")
       ->default_str("proportional");
   add_part_group_option(command, options->groups);
   add_option(command, "--pose", "\"tx ty tz qx qy qz qw\"", options->pose,
-             "The object in the world: metres and a unit quaternion (default: as it is)");
+             "Pose of the object: metres and a unit quaternion (default: identity)");
   add_option(command, "--plane", "\"nx ny nz px py pz\"", options->plane,
              "Normal, and a point on it (default: 0 0 1 0 0 0)");
   add_option(command, "--technique", "TECHNIQUE", options->technique,
              "layered, cocl, field, simple, or hard")
       ->capture_default_str();
   add_option(command, "--light", "\"x y z w\"", options->light,
-             "The light of a hard shadow: a place (w = 1), or the direction towards it (w = 0)");
+             "Light of a hard shadow: position (w = 1) or direction towards it (w = 0)");
   start_group(command, "Model");
   add_option(command, "--proxy", "auto|none|FILE", options->proxy,
-             "A reduced mesh that casts if it is exact enough: auto (made from the model), none, "
-             "or a model file")
+             "Reduced mesh that casts if it is exact enough: auto (made), none, or a file")
       ->capture_default_str();
   add_option(command, "--up", "y|z", options->up,
              "Axis of the file that points up (default: y for glTF, z for OBJ)");

@@ -78,52 +78,48 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
     if (scene != "board") request->scene = scene;
   };
   add_text_option(command, "SCENE", "FILE.json|board", set_scene,
-                  "Scene whose objects are drawn over the tags, or `board` for the tags alone")
+                  "Scene drawn over the tags, or `board`: tags alone")
       ->required();
   add_option(command, "--camera", "camera.yaml", request->camera, "The camera and its lens")
       ->required();
   add_camera_name_option(command, request->camera_name);
   add_option(command, "--tags", "tags.yaml", request->tags, "Tag map")->required();
   add_option(command, "--trajectory", "FILE.tum", request->trajectory,
-             "Camera poses: one frame for each, its exposure half before and half after")
+             "Camera poses, one per frame, at the middle of its exposure")
       ->required();
   command
       .add_option_function<std::vector<std::string>>(
           "--group",
           [request](const std::vector<std::string>& given) { add_groups(given, *request); },
-          "Tags of the group NAME move: T_table_group over the same time; repeatable")
+          "Motion of the group NAME: T_table_group over the same time")
       ->type_name("NAME=FILE.tum");
   add_option(command, "--output", "DIR", request->output, "The recording: a new or empty folder")
       ->required();
-  command
-      .add_option("--noise", request->noise_grey,
-                  "Sigma of white noise, after the tone curve [grey levels]")
+  add_option(command, "--noise", "SIGMA", request->noise_grey,
+             "Sigma of white noise, after the camera response [grey levels]")
       ->check(within(0.0, 255.0))
       ->capture_default_str();
-  command
-      .add_option("--blur", request->exposure_s,
-                  "Exposure time: the camera moves on a smooth curve through the poses [s]")
+  add_option(command, "--blur", "SECONDS", request->exposure_s,
+             "Exposure time: the camera moves on a smooth curve through the poses [s]")
       ->check(within(0.0, 10.0))
       ->capture_default_str();
   start_group(command, "Image");
-  command
-      .add_option("--seed", request->seed, "Seed of the noise: the same seed gives the same bytes")
+  add_option(command, "--seed", "N", request->seed,
+             "Seed of the noise: the same seed gives the same bytes")
       ->check(whole_number())
       ->capture_default_str();
   add_option(command, "--tone", "EXPONENT", request->tone_curve,
-             "Exponent of the camera response, light = value ^ exponent (default: the camera "
-             "file's, or 1)")
+             "Camera response: light = value ^ exponent (default: the camera file's, or 1)")
       ->check(within(0.2, 5.0));
-  command.add_option("--gain", request->gain, "Brightness: multiplies the light")
+  add_option(command, "--gain", "FACTOR", request->gain, "Brightness: multiplies the light")
       ->check(within(0.001, 1000.0))
       ->capture_default_str();
-  command.add_option("--lens-blur", request->lens_blur_px, "Sigma of the lens's own blur [px]")
+  add_option(command, "--lens-blur", "PX", request->lens_blur_px,
+             "Sigma of the lens's own blur [px]")
       ->check(within(0.0, 10.0))
       ->capture_default_str();
-  CLI::Option* cover = command
-                           .add_option("--cover", request->covered_fraction,
-                                       "Share of every tag hidden by grey, from its left side, "
-                                       "starting with its white margin")
+  CLI::Option* cover = add_option(command, "--cover", "FRACTION", request->covered_fraction,
+                                  "Part of every tag covered by grey, from its left side")
                            ->check(within(0.0, 1.0))
                            ->capture_default_str();
   add_option(command, "--cover-from", "FRAME", request->cover_from,

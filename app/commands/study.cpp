@@ -86,33 +86,32 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
     }
     design.experiment = name == "heights" ? StudyExperiment::heights : StudyExperiment::drag;
   };
-  add_text_option(
-      command, "--experiment", "heights|drag", set_experiment,
-      "heights: point at the highest of three spheres; drag: bring a sphere onto targets")
+  add_text_option(command, "--experiment", "heights|drag", set_experiment,
+                  "heights: point at the highest of three spheres; drag: move a sphere to targets")
       ->required();
   add_option(command, "--output", "FILE.csv", options.request.results,
              "Answers; those of further participants are added; - is standard output");
   add_option(command, "--techniques", "A,B,...", options.techniques,
-             "Techniques, each a block of trials: " + known_techniques())
+             "One block of trials each: " + known_techniques())
       ->capture_default_str();
   add_option(command, "--participant", "N", design.participant,
-             "The participant's number (1, 2, 3, ...): chooses the order of techniques and samples")
-      ->check(CLI::Range(1, 1'000'000))
+             "Number of the participant: chooses the order of techniques and samples")
+      ->check(in_range(1, 1'000'000))
       ->capture_default_str();
   start_group(command, "Experiment");
   add_option(command, "--seed", "N", design.seed,
              "Seed of the random samples; the same for all participants of a study")
       ->capture_default_str();
   add_option(command, "--trials", "N", options.samples,
-             "Samples for each technique (default: as in the paper, 20 for heights, 5 for drag)")
-      ->check(CLI::Range(1, kMaxStudySamples));
+             "Samples for each technique (default as in the paper, heights: 20, drag: 5)")
+      ->check(in_range(1, kMaxStudySamples));
   add_option(command, "--tolerance", "MM", options.tolerance_mm,
              "Maximum distance between a released sphere and its target [mm]")
-      ->check(CLI::Range(0.1, 100.0))
+      ->check(in_range(0.1, 100.0))
       ->capture_default_str();
   add_option(command, "--pause", "SECONDS", options.request.pause_s,
              "Time without spheres between two trials [s]")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(in_range(0.0, 3600.0))
       ->capture_default_str();
 }
 
@@ -134,9 +133,9 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   command.add_flag("--resume", request.resume,
                    "Go on with an interrupted participant, at the first trial without an answer");
   start_group(command, "Input");
-  CLI::Option* recording = add_option(
-      command, "--recording", "FOLDER", request.recording,
-      "Images to work on, from the first at every trial (default: the bundled recording)");
+  CLI::Option* recording =
+      add_option(command, "--recording", "FOLDER", request.recording,
+                 "Images to work on, from the first at every trial (default: bundled)");
   add_poses_from_option(command, request.poses_from);
   CLI::Option* camera = add_option(command, "--camera", "CAMERA", request.camera.source,
                                    "Work on the images of a camera, as in penumbra live")

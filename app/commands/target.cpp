@@ -122,6 +122,9 @@ ChosenSheet target_of(const TargetOptions& options) {
   if (const auto fits = check_fits(target, *page); !fits) {
     throw CLI::ValidationError(fits.error().message);
   }
+  if (!options.output.has_extension() && !is_stream(options.output)) {
+    usage_error("--output", "{}: end it in .pdf, .svg or .png", options.output.string());
+  }
   const auto format = sheet_format_of(options.output);
   if (!format) usage_error("--output", "{}", format.error().message);
   std::filesystem::path tags = options.tags;
@@ -228,52 +231,47 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
       "  penumbra target --type aprilgrid --output grid.pdf");
   const auto options = std::make_shared<TargetOptions>();
-  add_option(command, "--output", "FILE.pdf|FILE.svg|FILE.png", options->output,
-             "The sheet, at true scale")
+  add_option(command, "--output", "FILE", options->output,
+             "The sheet, at true scale: .pdf, .svg or .png")
       ->required();
-  add_option(
-      command, "--tags", "FILE.yaml", options->tags,
-      "File that describes the sheet (default: tags.yaml, or target.yaml, beside the sheet)");
-  command
-      .add_option("--page", options->page,
-                  "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
+  add_option(command, "--tags", "FILE.yaml", options->tags,
+             "Description of the sheet (default: tags.yaml or target.yaml beside it)");
+  add_option(command, "--page", "PAGE", options->page,
+             "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT [mm]")
       ->capture_default_str();
   start_group(command, "Sheet");
-  command.add_option("--family", options->family, "Tag family")->capture_default_str();
-  command.add_option("--dictionary", options->dictionary,
-                     "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, ...");
-  command
-      .add_option("--type", options->type,
-                  "tags: a table to track on; aprilgrid, charuco, chessboard: to calibrate from")
-      ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}))
+  add_option(command, "--family", "FAMILY", options->family, "Tag family")->capture_default_str();
+  add_option(command, "--dictionary", "NAME", options->dictionary,
+             "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, ...");
+  add_text_option(
+      command, "--type", "TYPE", [options](const std::string& type) { options->type = type; },
+      "tags: a table to track on; aprilgrid, charuco, chessboard: to calibrate from")
+      ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}).description(""))
+      ->default_str(options->type);
+  add_option(command, "--first-id", "ID", options->first_id, "Id of the first tag")
+      ->check(CLI::Validator(CLI::NonNegativeNumber).description(""))
       ->capture_default_str();
-  command.add_option("--first-id", options->first_id, "Id of the first tag")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  command
-      .add_option("--columns", options->columns,
-                  "Tags or squares across; of a chessboard: inner corners (4, 6, 8, 9)")
-      ->check(CLI::Range(1, 100));
-  command
-      .add_option("--rows", options->rows,
-                  "Tags or squares down; of a chessboard: inner corners (3, 4, 6, 6)")
-      ->check(CLI::Range(1, 100));
+  add_option(command, "--columns", "N", options->columns,
+             "Tags, squares or inner corners across (tags: 4, aprilgrid: 6, charuco: 8, "
+             "chessboard: 9)")
+      ->check(in_range(1, 100));
+  add_option(command, "--rows", "N", options->rows,
+             "Tags, squares or inner corners down (3, 4, 6, 6)")
+      ->check(in_range(1, 100));
   add_option(command, "--tag-size", "METRES", options->tag_size_m,
-             "Edge of a tag's black square, white margin not included [m] (0.04, 0.03, 0.0219)")
+             "Edge of a tag's black square [m] (tags: 0.04, aprilgrid: 0.03, charuco: 0.0219)")
       ->check(length_check("m", 0.001, 2.0));
   add_option(command, "--pitch", "METRES", options->pitch_m,
-             "tags: from one's centre to the next [m] (0.055)")
+             "tags: from one's centre to the next [m] (default: 0.055)")
       ->check(length_check("m", 0.001, 10.0));
-  command
-      .add_option("--spacing", options->spacing,
-                  "aprilgrid: gap between tags over their size (0.3)")
-      ->check(CLI::Range(0.01, 10.0));
+  add_option(command, "--spacing", "RATIO", options->spacing,
+             "aprilgrid: gap between tags over their size (default: 0.3)")
+      ->check(in_range(0.01, 10.0));
   add_option(command, "--square", "METRES", options->square_m,
-             "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
+             "Edge of a square [m] (charuco: 0.03, chessboard: 0.022)")
       ->check(length_check("m", 0.001, 2.0));
   add_option(command, "--measured", "MM", options->measured_mm,
-             "Length of the sheet's 100 mm ruler on paper [mm]: scales the file, not the sheet "
-             "(default: 100)")
+             "Measured length of the sheet's 100 mm ruler: scales the file, not the sheet")
       ->check(length_check("mm", 50.0, 200.0));
   put_first(command, {"--type", "--columns", "--rows", "--tag-size", "--square", "--measured"});
   command.callback([&command, options, &chosen] {

@@ -224,7 +224,7 @@ int max_steps(const LensChoice& choice, bool shape_given) {
 }
 
 std::string lens_name(const ModelTrial& trial) {
-  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
+  return fmt::format("{}{}", short_name(trial.model), trial.without_k3 ? ", k3 = 0" : "");
 }
 
 std::optional<Eigen::Vector2d> non_monotonic_place_in_image(const CameraModel& camera) {

@@ -598,7 +598,7 @@ TEST_F(CalibrateCommand, ReportsPredictedErrorOverTable) {
       calibrate(source, source / "chessboard.yaml",
                 {"--model", "plumb_bob", "--board", "rigid", "--report", report.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("over the table: corners of a 0.2 m cube"));
+  EXPECT_THAT(result.out, HasSubstr("objects on the table are drawn to "));
   EXPECT_THAT(test::read_bytes(report), HasSubstr("Over the table"));
   const YAML::Node volume = YAML::LoadFile(output().string())["uncertainty"]["table_volume"];
   const auto tracked = volume["tracked_px"].as<std::vector<double>>();

@@ -545,7 +545,10 @@ TEST(LiveCommand, ReportsWhyNoFrameIsTracked) {
 }
 
 TEST(LiveCommand, ReportsMissingInputsInOneLine) {
-  test::expect_failure(penumbra({"live", "--no-window"}), {"--calibration", "penumbra calibrate"});
+  const auto without_calibration = penumbra({"live", "--no-window"});
+  EXPECT_EQ(without_calibration.exit_code, 2) << without_calibration.err;
+  EXPECT_NE(without_calibration.err.find("--calibration"), std::string::npos);
+  EXPECT_NE(without_calibration.err.find("penumbra calibrate"), std::string::npos);
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "v4l2:/dev/no-such-camera",
                                  "--calibration", calibration()}),
                        {"/dev/no-such-camera", "no such camera", "penumbra devices"});

@@ -228,7 +228,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   c.trials.push_back(non_monotonic);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
-  EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
+  EXPECT_THAT(c.verdict, HasSubstr("rational explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
   // The rejected lens does not fit better, so the chosen lens is rated good.
   c = confident_calibration();

@@ -259,7 +259,8 @@ TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
   EXPECT_THAT(error_of(object(R"(,"group":["all","no such"])")),
               HasSubstr("/objects/0/group: group \"no such\": the model \"helicopter\" has no such "
                         "node, mesh or object; there are: all, "));
-  EXPECT_THAT(error_of(object(R"(,"group":7)")), HasSubstr("/objects/0/group: is 7; give which"));
+  EXPECT_THAT(error_of(object(R"(,"group":7)")),
+              HasSubstr("/objects/0/group: is 7; give parts of the model"));
   EXPECT_THAT(error_of(object(R"(,"proxy":"nowhere.glb")")), HasSubstr("/objects/0/proxy: "));
   const Result<Scene> with_proxy = load(
       object(",\"proxy\":\"" + (test::source_dir() / "scenes/models/cube.glb").string() + "\""));
