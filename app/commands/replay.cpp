@@ -47,6 +47,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   PENUMBRA_TRY(const auto report, run_replay(request));
   fmt::print("{}", report_table(report));
   if (report.failure) return tl::unexpected(*report.failure);
+  fmt::print("{}", written_files(request));
   return ExitCode::success;
 }
 

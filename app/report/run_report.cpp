@@ -551,8 +551,9 @@ std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults
 
 std::string report_table(const RunReport& report) {
   std::string text =
-      fmt::format("{}: {} frames of {} x {}{}\n", report.recording, report.frames, report.width,
-                  report.height, report.interrupted ? " (interrupted)" : "");
+      fmt::format("{}: {} frames of {} x {}{}{}\n", report.recording, report.frames, report.width,
+                  report.height, report.panes.empty() ? "" : " (all panes)",
+                  report.interrupted ? " (interrupted)" : "");
   text += status_text(report);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
     const auto& [general, count] = report.reasons[i];
@@ -604,8 +605,10 @@ std::string report_table(const RunReport& report) {
     text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
                         s.max, s.cpu_mean);
   };
+  const std::array<std::string_view, 3> parts_of_track = {"detect", "align", "solve"};
   for (const auto& [stage, summary] : report.time_ms) {
-    if (summary.count > 0) add_row(stage, summary);
+    const bool is_part = std::ranges::find(parts_of_track, stage) != parts_of_track.end();
+    if (summary.count > 0) add_row(is_part ? "  " + stage + " (in track)" : stage, summary);
   }
   for (const PaneReport& pane : report.panes) {
     for (const auto& [stage, summary] : pane.time_ms) {

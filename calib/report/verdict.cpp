@@ -205,7 +205,7 @@ void judge(CameraCalibration& result) {
                                                                        : CalibrationGrade::poor;
   const std::string worst = std::isfinite(sigma) ? worst_cell_name(result.uncertainty, cells) : "";
   std::string text = fmt::format(
-      "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image{}, {:.2f} "
+      "{}: the lens is known to {:.2f} px (1 sigma) at the worst place in the image{}, {:.2f} "
       "on average; {} are explained to {:.2f} px",
       to_string(result.grade), sigma, worst.empty() ? "" : fmt::format(" ({})", worst),
       result.uncertainty.mean_px,

@@ -161,7 +161,10 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
       const std::string place = pointer + "/" + shortened(key);
       const auto property = properties.find(key);
       if (property == properties.end()) {
-        return Violation{place, "is not a known key; " + suggestion(key, known)};
+        const bool is_unit = key == "unit" && properties.contains("scale");
+        return Violation{place, "is not a known key; " +
+                                    (is_unit ? "for a model in millimetres give \"scale\": 0.001"
+                                             : suggestion(key, known))};
       }
       auto found = find_violation(root, *property, member, place);
       if (found) return found;
