@@ -101,7 +101,7 @@ std::optional<std::string> meaningless_option(const CLI::App& program) {
 ExitCode run(int argc, char** argv) {
   CLI::App program("Handheld augmented reality over a table with AprilTags, with layered penumbrae",
                    "penumbra");
-  program.formatter(make_help_formatter());  // of every command
+  program.formatter(make_help_formatter());  // applies to every command
   add_common_options(program);
   program.require_subcommand(1);
   program.footer(

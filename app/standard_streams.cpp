@@ -66,7 +66,7 @@ class LogDescriptor {
   using Clock = std::chrono::steady_clock;
   using milliseconds = std::chrono::milliseconds;
 
-  static constexpr milliseconds kPatience{200};  // for a reader that has not stalled yet
+  static constexpr milliseconds kPatience{200};  // timeout for a reader that has not stalled yet
 
   void drop(std::string_view text) {
     const std::int64_t lines = std::count(text.begin(), text.end(), '\n');

@@ -7,7 +7,7 @@ namespace penumbra {
 
 struct StageTime {
   double wall_ms = 0.0;
-  double cpu_ms = 0.0;  // of the thread that did the work
+  double cpu_ms = 0.0;  // CPU time of the thread that did the work
 };
 
 class Stopwatch {

@@ -42,7 +42,7 @@ struct ObjectDraw {
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
-  float opacity = 1.0F;  // of its shadows; at most the overlay's opacity
+  float opacity = 1.0F;  // opacity of its shadows; at most the overlay's opacity
 };
 
 // All inputs of the shape of a caster's layers on a plane, without their darkness and visibility.
@@ -92,7 +92,7 @@ struct LitCaster {
   Placement T_table_object;
   Eigen::Vector4d light_position;  // see PlacedLight::place
   bool proxy = true;               // the author's reduced model casts, if there is one
-  float opacity = 1.0F;            // of the caster
+  float opacity = 1.0F;            // caster's opacity
 };
 
 // One caster's projected shadow on one plane. opacity: minimum of the caster's and the plane's.
@@ -144,7 +144,7 @@ struct FramePlan {
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   Lighting lighting;
-  double tone_exponent = kDefaultToneExponent;  // of the camera: linear light = encoded ^ exponent
+  double tone_exponent = kDefaultToneExponent;  // camera response: linear = encoded ^ exponent
   std::vector<SkippedPass> skipped;
 };
 

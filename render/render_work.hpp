@@ -21,7 +21,7 @@ enum class Counter : std::size_t {
   triples_recomputed,   // shadows with new geometry
   proxy_shadows,        // drawn from a reduced mesh
   proxy_checks,         // comparisons of a reduced mesh with its model
-  proxy_faces_saved,    // by proxy_shadows, over all their layers
+  proxy_faces_saved,    // faces that proxy_shadows did not draw, over all their layers
   layer_masks_drawn,    // masks of the layers on a plane
   layer_masks_kept,     // layer masks reused from an earlier frame
   mask_pieces_skipped,  // pieces of layer masks without effect

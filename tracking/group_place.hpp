@@ -56,7 +56,7 @@ class GroupPlace {
   struct Place {
     std::int64_t timestamp_ns = 0;
     TableFromMiddle T_table_middle;
-    Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
+    Matrix6d covariance = Matrix6d::Zero();  // covariance of xi in T_table_middle * exp(xi)
   };
   // Adds a measurement: averages it with found_ if both agree, otherwise replaces found_. Returns
   // false, and does neither, if it is uncertain and disagrees.
@@ -72,9 +72,9 @@ class GroupPlace {
   Transform<frame::Group, frame::GroupMiddle> T_group_middle_;
   std::optional<Place> found_;  // latest measurement; averaged while the group rests
   TableFromMiddle shown_;
-  TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measurement
+  TrackStatus last_status_ = TrackStatus::tracked;  // status of the latest measurement
   bool rests_ = false;
-  Vector6d velocity_ = Vector6d::Zero();  // of the group's middle, in its axes [m/s, rad/s]
+  Vector6d velocity_ = Vector6d::Zero();  // motion of the group's middle, in its axes [m/s, rad/s]
 };
 
 }  // namespace penumbra

@@ -88,7 +88,7 @@ Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
 
 struct GroupTracker::Impl {
   struct Group {
-    RigidTagTracker tracker;  // over the group's middle
+    RigidTagTracker tracker;  // tracks the camera's pose over the group's middle
     GroupPlace place;
     int unseen = 0;  // number of frames since it was tracked
   };

@@ -24,7 +24,7 @@ constexpr double kOverlap_sigmas = 5.0;  // cell size at which edges blur into e
 MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
                        std::span<const TagAlignment> seen) {
   const Transform<frame::Camera, frame::Map> T_camera_map = pose.inverse();
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the tags, in the map's frame
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // mean centre of the verified tags, map frame
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   int count = 0;
   for (const TagAlignment& tag : seen) {

@@ -13,7 +13,7 @@ namespace {
 
 // Systematic errors that the covariance does not include; see docs/tracking.md#bias.
 constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
-constexpr double kSpreadBias_px = 0.1;  // of an edge, if its point spread overlaps the next edge
+constexpr double kSpreadBias_px = 0.1;  // bias of an edge whose point spread overlaps the next edge
 constexpr double kPartsOfTag = 8.0;     // number of edge groups with independent kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
 // Error of the mean pose during an exposure, divided by ImageMotion::unpredicted_px.

@@ -140,8 +140,8 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
   // Maximum displacements by lens, camera response and paper [px].
-  constexpr double kSuspicious_px = 0.3;  // of tags aligned together
-  constexpr double kElsewhere_px = 0.5;   // of tags aligned one by one
+  constexpr double kSuspicious_px = 0.3;  // RMS over tags aligned jointly
+  constexpr double kElsewhere_px = 0.5;   // RMS over tags aligned one by one
   if (!result.verified || result.disagreement < kInconsistentDisagreement ||
       result.displacement_px < kSuspicious_px)
     return true;

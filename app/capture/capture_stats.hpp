@@ -38,7 +38,7 @@ inline constexpr std::size_t kCaptureFaultCount =
 
 struct CaptureStats {
   std::uint64_t frames = 0;     // number of delivered frames
-  std::uint64_t undecoded = 0;  // of these, damaged ones (detected while decoding)
+  std::uint64_t undecoded = 0;  // number of damaged frames among these (detected while decoding)
   std::array<std::uint64_t, kCaptureFaultCount> faults{};
   std::uint64_t restarts = 0;          // number of restarts of the stream
   std::optional<std::string> trouble;  // current fault, in a few words for the HUD

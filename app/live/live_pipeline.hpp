@@ -69,7 +69,7 @@ class LivePipeline {
   const bool side_by_side_;
   std::atomic<bool> tracking_now_ = false;      // a complete image is being tracked
   std::atomic<std::int64_t> last_complete_ns_;  // time at which the latest complete image was ready
-  FramePace pace_;                              // of complete images; used by the tracker's thread
+  FramePace pace_;                              // observes complete images, in the tracker's thread
   std::atomic<std::int64_t> stale_after_ns_;
   Mailbox<CapturedImage> inbox_;
   Mailbox<ReadyFrame> ready_;

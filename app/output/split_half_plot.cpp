@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kPlotWidth = 900.0, kPlotHeight = 560.0;
 constexpr double kPlotLeft = 70.0, kPlotRight = 20.0;
-constexpr double kPlotTop = 60.0, kPlotBottom = 330.0;  // of the frames' plot
+constexpr double kPlotTop = 60.0, kPlotBottom = 330.0;  // vertical range of the frames' plot
 constexpr const char* kPlotPaper = "#ffffff";
 constexpr const char* kPlotInk = "#2a2622";
 constexpr const char* kGridLines = "#d8d3ca";

@@ -40,7 +40,7 @@ tl::unexpected<Error> cannot_be_made(const fs::path& folder, const std::error_co
 
 constexpr std::size_t kLargestText = std::size_t{16} << 20U;
 constexpr int kMaxMoments = 64;           // times sampled within an exposure, for the tags
-constexpr int kMaxSceneMoments = 16;      // for the objects, which are drawn at each time
+constexpr int kMaxSceneMoments = 16;      // limit for the objects, which are drawn at each time
 constexpr double kMomentApart_px = 0.25;  // limits the image motion between two such times
 
 Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {

@@ -37,7 +37,7 @@ struct FullRun {
   std::vector<std::size_t> corner_frames;  // index in `poses` for each element of `corners`
   std::vector<int> frames_seen;            // by tag
   int max_in_view = 0;
-  std::string reason;  // of the last frame that is not tracked
+  std::string reason;  // reason of the last frame that is not tracked
 };
 
 // Calls `visit(index, frame)` for every frame.

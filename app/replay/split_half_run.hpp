@@ -24,7 +24,7 @@ struct SplitHalfRequest {
 };
 
 struct SplitReport {
-  std::array<std::vector<int>, 2> ids;  // of the tags in each half
+  std::array<std::vector<int>, 2> ids;  // tag ids of each half
   std::vector<HalfDifference> frames;   // one for each frame of the recording
   SplitHalfErrors errors;
 };

@@ -227,7 +227,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   skip("corner_solve", times.corner_solve_skipped ? 1 : 0);
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
-  if (times.search_used) ++report_.full_detections;  // in the background
+  if (times.search_used) ++report_.full_detections;  // counts the background search
   if (times.full_detection) {
     ++report_.full_detections;
   } else if (times.roi_detection) {

@@ -16,7 +16,8 @@ namespace penumbra {
 struct RunRequest : OutputRequest, SessionOptions {
   RunRequest() { video_light = true; }
   std::filesystem::path scene;
-  std::optional<std::filesystem::path> kernel_file;  // for casters with as many vertices
+  // Kernels for the casters with the file's number of vertices.
+  std::optional<std::filesystem::path> kernel_file;
   TrackerOptions tracking;
   bool window = true;  // opens a window if there is a display
   ViewerOptions viewer;

@@ -147,7 +147,7 @@ class Session {
   std::vector<SceneEdit> latest_edits_;
   std::set<SkippedPass> warned_;  // passes with a logged warning
   std::optional<SceneState> state_;
-  std::optional<SceneState> state_with_pose_;  // of the latest frame with a pose
+  std::optional<SceneState> state_with_pose_;  // state at the latest frame with a pose
   std::optional<CameraPose> drawn_pose_;
 };
 

@@ -35,7 +35,7 @@ struct StudyRow {
   double error_m = 0.0;               // heights: highest minus chosen height; drag: ball to target
   int misses = 0;                     // heights: clicks beside spheres; drag: drags off the target
   int frames = 0;                     // frames shown during the answer
-  int frames_lost = 0;                // of these, frames without a pose, which show no objects
+  int frames_lost = 0;                // shown frames without a pose, and thus without objects
 };
 
 inline constexpr std::string_view kStudyHeader =

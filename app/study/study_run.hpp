@@ -33,7 +33,7 @@ struct StudyReport {
   int trials = 0;                      // trials of the participant
   int answered = 0;                    // number of these answered so far
   std::filesystem::path summary_file;  // empty if the answers went to a stream
-  std::vector<StudySummary> summary;   // of all participants in the results file
+  std::vector<StudySummary> summary;   // one per technique, for all participants in the file
 };
 
 // Checks all paths before the first trial. If the session ends early (window closed, Ctrl-C), the

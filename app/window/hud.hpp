@@ -63,7 +63,7 @@ struct KeyHelp {
 [[nodiscard]] std::span<const KeyHelp> key_help();
 // Returns nullopt for a key without a command, and for the number keys of technique_of_key().
 [[nodiscard]] std::optional<WindowCommand> command_of_key(const WindowEvent& event);
-[[nodiscard]] bool is_number_key(const WindowEvent& event);  // also of the keypad
+[[nodiscard]] bool is_number_key(const WindowEvent& event);  // includes the keypad's digits
 // Key 0 is none, 1 the first technique after none, and so on.
 [[nodiscard]] std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event);
 // Returns the techniques in the order of their keys.

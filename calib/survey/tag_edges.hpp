@@ -18,7 +18,7 @@ struct MeasuredTag {
   // Outer corners of the black border [px], in the order of TagDetection, corrected for the edge
   // shift of camera response, blur and ink.
   std::array<Eigen::Vector2d, 4> corners_px;
-  Matrix8d covariance = Matrix8d::Zero();  // of x0 y0 x1 y1 x2 y2 x3 y3 [px^2]
+  Matrix8d covariance = Matrix8d::Zero();  // rows and columns: x0 y0 x1 y1 x2 y2 x3 y3 [px^2]
   // Shift from black towards white: x of the tag's vertical edges, y of its horizontal edges.
   Eigen::Vector2d edge_shift_px = Eigen::Vector2d::Zero();
 };

@@ -27,7 +27,7 @@ constexpr double kMeasuredFloor = 0.01;   // sigma of lens model errors [px]
 constexpr double kCommonError = 0.02;     // minimum [px]
 constexpr double kCommonShare = 0.3;      // as a fraction of the corners' RMS 2-D error
 constexpr std::size_t kMinFrames = 2;     // minimum number of frames that show a tag
-constexpr std::size_t kMaxClusters = 20;  // of neighbouring frames
+constexpr std::size_t kMaxClusters = 20;  // maximum number of clusters of neighbouring frames
 constexpr int kTagSize = 6;
 
 // Whitened residuals of a tag's four corners in one frame.

@@ -35,8 +35,8 @@ double size_of(const SurveyOptions& options, int id) {
 
 // The plane through the centres of the tags on the table, in the anchor's frame.
 struct TablePlane {
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // from the anchor's axes to the table's
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();    // of the table, in the anchor's frame [m]
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // rotation from anchor to table axes
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();    // table origin in the anchor's frame [m]
 };
 
 TablePlane plane_through(const Eigen::Matrix3Xd& centres) {

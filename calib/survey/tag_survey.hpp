@@ -29,13 +29,13 @@ enum class SurveyPlane {
 
 struct SurveyOptions {
   TagFamily family = TagFamily::tag36h11;
-  std::optional<double> tag_size_m;  // of tags without an entry in `sizes_m`
+  std::optional<double> tag_size_m;  // size of tags without an entry in `sizes_m`
   std::map<int, double> sizes_m;     // by id
   // Tag that defines the table frame: its centre, projected to the plane, is the origin; its x axis
   // is the frame's x axis.
   int anchor = 0;
   SurveyPlane plane = SurveyPlane::fitted;
-  int max_frames = 150;  // of more frames, uses every n-th
+  int max_frames = 150;  // uses every n-th frame if there are more
   // Solves for one outward edge shift (camera response, blur) of all tags without MeasuredTag.
   bool edge_shift = true;
   bool refine_camera = false;  // solves for the lens as well

@@ -11,8 +11,8 @@ namespace penumbra {
 struct ImageCells {
   int columns = 3;
   int rows = 3;
-  int width = 0;   // of the image [px]
-  int height = 0;  // [px]
+  int width = 0;   // image width [px]
+  int height = 0;  // image height [px]
 
   // Returns the index (row by row) of the cell that contains, or is nearest to, the pixel.
   [[nodiscard]] std::size_t at(const Eigen::Vector2d& pixel) const {

@@ -78,7 +78,7 @@ void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis)
 // Marks the origin (x, y on the page) by lines between the board and the page's edges, where there
 // is room, and by a cross if no tag overlaps it.
 void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x, double y) {
-  constexpr double kGap = 0.001;  // to the board's margin
+  constexpr double kGap = 0.001;  // distance to the board's margin [m]
   const double right = 0.5 * sheet.width + kGap;
   const double top = 0.5 * sheet.height + kGap;
   const double room_beside = 0.5 * page.width_m - kMargin - right;

@@ -40,7 +40,7 @@ struct PixelPlane {
 struct DmaBuf {
   int descriptor = -1;                  // -1: none; Frame::owner keeps it open
   std::uint64_t buffer = 0;             // unique number; descriptors are reused
-  std::array<std::size_t, 3> offset{};  // of each plane [bytes]
+  std::array<std::size_t, 3> offset{};  // start of each plane in the DMA-BUF [bytes]
 };
 
 struct Frame {

@@ -25,7 +25,7 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
                                            std::string_view text);
 
-[[nodiscard]] std::string system_message(int error);  // of an errno
+[[nodiscard]] std::string system_message(int error);  // message for an errno value
 
 [[nodiscard]] std::string_view trim(std::string_view text);  // blanks, tabs, line ends
 [[nodiscard]] std::vector<std::string_view> split(std::string_view text, char separator);

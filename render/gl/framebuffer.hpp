@@ -41,7 +41,7 @@ class Framebuffer {
   // Samples per pixel, at least the requested number; 0 without multisampling.
   [[nodiscard]] int samples() const { return samples_; }
 
-  void bind() const;  // for drawing, and sets its viewport
+  void bind() const;  // binds for drawing and sets the viewport
   // Binds and clears a second colour buffer ("sums") with the same depth and stencil, in which
   // passes add up terms: half-float RGBA, or 8 bits if the driver can't render to half floats.
   void bind_sums();

@@ -18,7 +18,7 @@ struct ImportedPlane {
   int dma_buf = -1;
   TexelFormat format = TexelFormat::r8;  // r8, rg8, rgb8 or rgba8
   int width = 0, height = 0;             // [texels]
-  std::size_t offset = 0;                // of the first row [bytes]
+  std::size_t offset = 0;                // start of the first row in the buffer [bytes]
   std::ptrdiff_t stride = 0;             // [bytes]
 };
 

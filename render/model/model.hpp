@@ -44,7 +44,7 @@ struct Material {
   bool double_sided = false;
   AlphaMode alpha_mode = AlphaMode::opaque;
   float alpha_cutoff = 0.5F;
-  float normal_scale = 1.0F;                   // of the texture's x and y
+  float normal_scale = 1.0F;                   // factor on x and y of the normal texture
   float occlusion_strength = 1.0F;             // 0: the texture has no effect
   MaterialTexture base_color_texture;          // colour and opacity
   MaterialTexture metallic_roughness_texture;  // green: roughness, blue: metallic

@@ -43,7 +43,7 @@ class FaceSplitter {
   LineWarnings& warnings_;
   PolygonSplitter splitter_;
   std::vector<Eigen::Vector3d> outline_;
-  std::vector<ObjCorner> corners_;  // of the current face, and added corners
+  std::vector<ObjCorner> corners_;  // corners of the current face, then added corners
   ObjTriangles triangles_;
 };
 

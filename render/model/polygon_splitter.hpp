@@ -28,7 +28,7 @@ struct PolygonSplit {
   std::vector<AddedCorner> added;
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit; zero for a polygon without area
   bool crosses_itself = false;  // the triangles' area differs from the polygon's
-  bool is_flat = true;          // to 1 % of its radius
+  bool is_flat = true;          // no corner is farther from the plane than 1 % of the radius
 };
 
 // Splits polygons into triangles by GLU's tessellator.
@@ -73,7 +73,7 @@ class PolygonSplitter {
   std::vector<Eigen::Vector3d> scaled_;
   Eigen::Vector3d axis_u_, axis_v_;     // axes in the polygon's plane
   std::vector<Eigen::Vector2d> flat_;   // corners in these axes, then added corners
-  std::vector<double> heights_;         // of the corners above the plane
+  std::vector<double> heights_;         // heights of these corners above the plane
   std::vector<std::uint32_t> emitted_;  // corners of GLU's triangles
   bool failed_ = false;
 };

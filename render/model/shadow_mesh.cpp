@@ -199,7 +199,7 @@ void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
 
 struct Welding {
   bool stored = false;                          // keeps the model's stored kernels
-  std::optional<int> cut_depth = std::nullopt;  // of append_visible(); nullopt: whole faces
+  std::optional<int> cut_depth = std::nullopt;  // depth for append_visible(); nullopt: whole faces
 };
 
 class Welder {

@@ -34,7 +34,7 @@ enum class Gathering { none, first, further, result };
 // kShadowMaskUnit, with one channel per layer.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
-  glm::vec3 normal{0.0F};              // of the plane, table frame
+  glm::vec3 normal{0.0F};              // plane normal, table frame
   glm::vec2 origin{0.0F}, extent{1.0F};
   glm::vec3 encoded_factors{1.0F};  // factor on the encoded image, by layer
   int level_count = 0;

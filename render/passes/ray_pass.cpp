@@ -13,8 +13,8 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMaxVertices = 12;  // of a caster
-constexpr int kPieces = 48;               // of a ray across the whole view, to follow the lens
+constexpr std::size_t kMaxVertices = 12;  // maximum number of marked vertices per caster
+constexpr int kPieces = 48;               // pieces of a ray, which follow the lens distortion
 // Half widths, as fractions of the image's height.
 constexpr double kRayPerHeight = 0.0016;
 constexpr double kDotPerHeight = 0.0075;

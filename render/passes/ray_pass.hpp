@@ -40,8 +40,8 @@ class RayPass : public Pass {
   void add_dot(const Eigen::Vector3d& at, const glm::vec3& color);
 
   TranslucentProgram program_;
-  glm::vec2 half_width_{0.0F};  // of a ribbon and of a dot, divided by the depth
-  int pieces_ = 1;              // per ray, to follow the lens
+  glm::vec2 half_width_{0.0F};  // half widths of ribbon and dot, divided by the depth
+  int pieces_ = 1;              // pieces per ray, which follow the lens distortion
   std::map<const Model*, std::vector<MarkedVertex>> marked_;
   std::vector<Corner> corners_;
   GlMesh triangles_{3, 3, 2, 3};

@@ -53,7 +53,7 @@ class ReceivedShadowPass : public Pass {
     std::optional<MaskInputs> made_for;
     std::vector<double> levels;
     bool has_shadow = false;         // some level is non-empty
-    Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
+    Eigen::Vector2d origin, extent;  // corner and size of the mask on the plane [m]
     MaskStack level_masks;
   };
   // The two most recent masks, because a camera at rest may jitter between two texel sizes.

@@ -15,7 +15,7 @@ namespace penumbra {
 
 // Corners of cells of 12 px, so that interpolated video positions are accurate to 0.1 px.
 struct RectifyingGrid {
-  int columns = 0, rows = 0;              // of corners
+  int columns = 0, rows = 0;              // numbers of corners
   std::vector<Eigen::Vector2d> image_px;  // [px], row by row
   std::vector<Eigen::Vector2d> video;     // video pixel of each corner; far outside if none
 };

@@ -16,7 +16,7 @@ namespace penumbra {
 // Texture units reserved for all passes.
 inline constexpr int kFramebufferCopyUnit = 3;
 inline constexpr int kSumsCopyUnit = 4;
-inline constexpr int kVideoUnit = 5;  // to 7
+inline constexpr int kVideoUnit = 5;  // first of the units 5 to 7
 
 // The content under a program's fragments.
 enum class Background {

@@ -51,7 +51,7 @@ inline constexpr std::size_t kMaxHardLights = 7;
 
 // Radius R_L of the light of layered shadows (docs/shadows.md#lights-of-one-size).
 enum class LightMode {
-  proportional,  // to the disc radius at each kernel: all umbrae vanish at one height
+  proportional,  // R_L follows the disc radius at each kernel: all umbrae vanish at one height
   fixed,         // one per part: where the part is thin, the umbra vanishes first (fixed_light.hpp)
 };
 

@@ -4,8 +4,8 @@ in vec2 view;
 uniform vec3 inverse_depth;  // see receiver.vert.glsl
 uniform mat3 table_from_camera;
 uniform vec3 eye;       // table frame [m]
-uniform vec3 normal;    // of the plane, unit
-uniform float opacity;  // of the shadow
+uniform vec3 normal;    // unit normal of the plane
+uniform float opacity;  // shadow opacity
 uniform int add_up;     // 1: writes the blocked fraction, for light_sum.frag.glsl
 
 layout(location = 0) out vec4 color;

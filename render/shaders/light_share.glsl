@@ -3,7 +3,7 @@
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
 uniform vec4 light_color[MAX_LIGHTS];  // w: the fraction of this light that is blocked
-uniform float encoding;                // of the video: encoded = linear ^ encoding
+uniform float encoding;                // exponent of the video: encoded = linear ^ encoding
 
 // Returns the blocked fraction of linear light. `point`: table frame [m]; `normal`: unit.
 vec3 blocked_share(vec3 point, vec3 normal) {

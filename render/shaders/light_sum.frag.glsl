@@ -1,6 +1,6 @@
 // Darkens the encoded image by the sum of several lights' blocked fractions.
 uniform sampler2D sums;  // rgb: sum of opacity * blocked linear fraction; a: max. opacity
-uniform float encoding;  // of the video: encoded = linear ^ encoding
+uniform float encoding;  // exponent of the video: encoded = linear ^ encoding
 layout(location = 0) out vec4 color;
 
 void main() {

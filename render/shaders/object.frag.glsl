@@ -23,7 +23,7 @@ uniform vec4 tone;
 #if defined(DARKENS)
 uniform int darkens;  // 1: darkens; 2: writes the blocked fraction, for light_sum.frag.glsl
 #endif
-uniform float opacity;  // of the shadow, or of the surface
+uniform float opacity;  // opacity of the shadow or the surface
 
 #if defined(MATERIAL_MAPS)
 uniform float base_color_by_second;  // 1: the texture uses the second texture coordinates
@@ -34,7 +34,7 @@ uniform vec2 has_occlusion_map;
 uniform vec2 has_emissive_map;
 uniform sampler2D metal_map;  // roughness in green, metallic in blue
 uniform sampler2D normal_map;
-uniform sampler2D occlusion_map;  // in red
+uniform sampler2D occlusion_map;  // occlusion in red
 uniform sampler2D emissive_map;   // decoded by the sampler
 uniform float normal_scale;
 uniform float occlusion_strength;

@@ -5,7 +5,7 @@ layout(location = 2) in vec2 corner;
 layout(location = 3) in vec3 color;
 
 uniform mat4x3 camera_from_table;
-uniform vec2 half_width;  // of a ribbon and of a dot, divided by the depth
+uniform vec2 half_width;  // half widths of ribbon and dot, divided by the depth
 
 // Several programs must give a ray exactly the same depth.
 invariant gl_Position;

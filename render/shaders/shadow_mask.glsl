@@ -2,9 +2,9 @@
 // the texel by umbra, middle and penumbra.
 uniform sampler2DArray shadow_mask;
 uniform vec3 mask_light_left;    // each layer's factor on the encoded image
-uniform float encoding;          // of the video: encoded = linear ^ encoding
+uniform float encoding;          // exponent of the video: encoded = linear ^ encoding
 uniform mat4x3 mask_from_table;  // -> (u, v, h)
-uniform vec3 mask_normal;        // of the plane, table frame
+uniform vec3 mask_normal;        // plane normal, table frame
 uniform vec2 mask_origin;        // (u, v) of the masks' corner [m]
 uniform vec2 mask_extent;        // [m]
 uniform vec4 mask_levels[MAX_LEVELS / 4];  // heights [m], ascending

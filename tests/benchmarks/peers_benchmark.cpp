@@ -215,7 +215,7 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
 struct Reprojection {
   std::vector<double> to_reference;  // RMS per frame, to the corners reprojected with the reference
   std::vector<double> to_detected;   // RMS per frame, with the pose from libapriltag's corners
-  std::vector<double> to_corners;    // of each corner to libapriltag's corner (decimate 1)
+  std::vector<double> to_corners;    // distance of each corner to libapriltag's corner (decimate 1)
 };
 Reprojection reprojection(const RealVideo& video, const Outcome& outcome, const Outcome& detected) {
   Reprojection result;

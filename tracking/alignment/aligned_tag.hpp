@@ -51,7 +51,7 @@ struct AlignedTag {
   bool too_small = false;        // reason for not being visible
   bool fully_projected = false;  // all vertices have a projection
   Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of projection, lattice frame [cells]
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // camera centre, lattice frame [cells]
   Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();  // (a, b, 1) to the camera frame
   std::array<float, 9> lattice_from_ray{};
   std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // see simd::Vertices
@@ -61,7 +61,7 @@ struct AlignedTag {
   Eigen::Vector2d along_b = Eigen::Vector2d::Zero();
   double cell_px = 0.0;      // smaller width of the central cell
   double cell_max_px = 0.0;  // larger width of the central cell
-  double correlation = 0.0;  // of the point spread along a and b
+  double correlation = 0.0;  // correlation of the point spread along a and b
   // Camera motion while a rolling shutter reads from the image's middle row to `row`.
   Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
   double row = 0.0;                                     // image row of the tag's centre

@@ -37,7 +37,7 @@ double explained_by_best_cells(const float* models, const float* values, int cou
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::vector<double> squares(n);
   double gain = 0.0;
-  double spread = 0.0;       // of the model, over all cells
+  double spread = 0.0;       // model variance over all cells
   double unexplained = 0.0;  // residual variance of the selected 3/5
   for (int step = 0; step < kSteps; ++step) {
     const std::size_t used = step == 0 ? n : kept;

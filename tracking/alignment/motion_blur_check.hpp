@@ -27,7 +27,7 @@ class MotionBlurCheck {
 
  private:
   struct Blur {
-    int index = 0;  // of the tag in AlignmentProblem::tags
+    int index = 0;  // index into AlignmentProblem::tags
     double length_px = 0.0;
     double cell_px = 0.0;                                 // cell width in the direction of the blur
     Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // zero: any direction

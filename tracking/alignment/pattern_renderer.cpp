@@ -37,7 +37,7 @@ double scattered(int k, double step) {
 
 // Distribution function of the point spread along one axis: the lens' Gaussian * the pixel's box.
 double spread_cdf(double x, double sigma) {
-  const auto integral = [sigma](double z) {  // of the normal distribution
+  const auto integral = [sigma](double z) {  // antiderivative of the normal distribution function
     if (sigma < 1e-6) return std::max(z, 0.0);
     const double t = z / sigma;
     return z * 0.5 * std::erfc(-t / std::numbers::sqrt2) +

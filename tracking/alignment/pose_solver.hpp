@@ -32,7 +32,7 @@ class PoseSolver {
     slope,    // also differentiates the robust weights; usually saves an iteration
   };
   struct Step {
-    double moved_px = 0.0;  // by the farthest tag corner
+    double moved_px = 0.0;  // maximum motion of a tag corner
     double sigmas = 0.0;    // length of the step [standard deviations of the pose]
   };
 
@@ -48,7 +48,7 @@ class PoseSolver {
 
   // Returns the residuals' sigma as a fraction of the gain; 0: unknown.
   [[nodiscard]] double noise_share() const { return noise_share_; }
-  [[nodiscard]] double variance() const { return variance_; }  // of the residuals [grey^2]
+  [[nodiscard]] double variance() const { return variance_; }  // residual variance [grey^2]
   // Information of the left perturbation of T_camera_map, without the prior.
   [[nodiscard]] const Matrix6d& information() const { return information_; }
   [[nodiscard]] const Vector6d& last_step() const { return last_step_; }

@@ -14,8 +14,8 @@ using Pair = float __attribute__((vector_size(8), may_alias));
 // Sums over the edges in one lattice direction. The camera response and bright light widen all
 // white areas; squares_without_widening() removes this common displacement of the edges.
 struct Direction {
-  Two sums{};     // of s (an edge's leverage * residual) and q (leverage * slope)
-  Two squares{};  // of s^2 and q^2
+  Two sums{};     // sums of s (an edge's leverage * residual) and q (leverage * slope)
+  Two squares{};  // sums of s^2 and q^2
   double products = 0.0;
 
   void add(const Two& both) {
@@ -34,7 +34,7 @@ struct Direction {
 // Sums over the edges of the variances of s that independent residuals would have.
 struct Expected {
   double sum = 0.0;
-  double squares = 0.0;  // of the squared variances
+  double squares = 0.0;  // sum of the squared variances
   int edges = 0;
 };
 

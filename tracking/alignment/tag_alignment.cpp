@@ -33,13 +33,13 @@ constexpr int kFineSteps = 5;           // maximum per round
 constexpr int kFastSamples = 1920;      // total, if each tag has 128 or more
 constexpr int kFastSamplesOfTag = 400;  // maximum per tag for three or more tags
 constexpr int kSparseSamples = 640;     // total
-constexpr double kWideCutoff = 0.8;     // of Tukey's weights, as a fraction of the gain
+constexpr double kWideCutoff = 0.8;     // cutoff of Tukey's weights, as a fraction of the gain
 constexpr double kFineCutoff = 0.6;     // as kWideCutoff, for the fine stage
 
 // Initial memory for samples: the smaller of the estimates by image size and by number of tags.
 constexpr std::size_t kPixelsPerSample = 12;
 constexpr std::size_t kSamplesPerTag = 4096;
-constexpr std::size_t kFloatsPerSample = 17;  // for one line per axis
+constexpr std::size_t kFloatsPerSample = 17;  // memory of a sample with one line per axis [floats]
 
 // Returns a cap that fills `blocks` blocks of the SIMD loops, with a margin for longer walks.
 constexpr int filled_blocks(int blocks) {
@@ -77,7 +77,7 @@ struct TagAligner::Impl {
   PoseSolver solver{problem};
   MapAgreement agreement;
   SampleNeed sample_need;
-  AlignmentInput input;  // of the current frame
+  AlignmentInput input;  // current frame's image and prediction
   AlignmentResult result;
 
   enum class Start { near_pose, search, independent_search };

@@ -111,7 +111,7 @@ std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
 struct Fit {
   double exponent = kTypicalExponent;
   double log_blur = 0.0;  // log(blur / blur of the pixels' model)
-  double sigma = 0.0;     // of the exponent
+  double sigma = 0.0;     // standard deviation of the exponent
 };
 
 // Fits all tags of an image; `pixels` must be ordered by tag.
@@ -138,7 +138,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
   for (int step = 0; step < kSteps; ++step) {
     Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
     Eigen::Vector2d g = Eigen::Vector2d::Zero();
-    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // of the gradients per tag
+    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // scatter of the tags' gradients
     struct Marginalised {
       Eigen::Matrix2d cross;
       Eigen::Matrix2d inverse;

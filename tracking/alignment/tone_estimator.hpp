@@ -60,7 +60,7 @@ class ToneEstimator {
   CameraModel camera_;
   TagAligner aligner_;
   std::vector<ImageTone> found_;
-  double blur_px_ = AlignmentOptions().blur_px;  // of the previous image
+  double blur_px_ = AlignmentOptions().blur_px;  // blur found in the previous usable image
 };
 
 }  // namespace penumbra

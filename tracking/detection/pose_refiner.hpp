@@ -60,7 +60,7 @@ struct RefinerOptions {
 
 struct RefinedPose {
   MapFromCamera T_map_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // of xi in perturbed(T_map_camera, xi)
+  Matrix6d covariance = Matrix6d::Zero();  // covariance of xi in perturbed(T_map_camera, xi)
   double rms_px = 0.0;                     // RMS distance from the observed pixels
   double noise_px = 0.0;                   // sigma per axis that scales the covariance
 };

@@ -15,22 +15,22 @@ namespace {
 // Unknowns: six per tag (translation and rotation of the tag), then the camera's.
 constexpr Eigen::Index kPerTag = 6;
 constexpr Eigen::Index kLens = 5;  // focal length, centre x and y, radial of third and fifth order
-constexpr Eigen::Index kOfCamera = kLens + 1;  // and the row time
+constexpr Eigen::Index kOfCamera = kLens + 1;  // lens parameters and row time
 // Priors (1 sigma). Every unknown is in units of its prior, which only bounds directions that the
 // data do not determine.
-constexpr double kPaperPrior_m = 0.005;  // of a tag's position, and of its corners by its rotation
+constexpr double kPaperPrior_m = 0.005;  // shift of a tag, and of its corners by its rotation
 constexpr double kFocalPrior = 0.02;
 constexpr double kCentrePrior_px = 10.0;
 constexpr double kRadialPrior = 0.1;
 constexpr double kRowPrior_s = 50e-6;
 
-constexpr std::size_t kMinTags = 3;     // of a frame
+constexpr std::size_t kMinTags = 3;     // minimum number of tags in a frame
 constexpr double kModel_px = 0.1;       // error of a corner that its covariance does not include
 constexpr double kOutlier = 4.0;        // residual of an outlier over the median residual
 constexpr double kMinOutlier_px = 0.3;  // residual that is never an outlier
 constexpr int kRounds = 3;
 constexpr int kPoseSteps = 2;       // Gauss-Newton steps of a frame's pose before all is linearised
-constexpr std::size_t kBlocks = 8;  // of consecutive frames, for the uncertainties
+constexpr std::size_t kBlocks = 8;  // number of jackknife blocks of consecutive frames
 // Minimum part that a significant cause explains: fraction of the squares that the others leave,
 // and RMS.
 constexpr double kSignificant = 0.05;

@@ -18,7 +18,7 @@ namespace penumbra {
 struct TagCorners {
   std::size_t tag = 0;                          // index into the list of tags
   std::array<Eigen::Vector2d, 4> corners_px{};  // measured, in the order of tag_corners()
-  double sigma_px = 0.0;                        // of a coordinate
+  double sigma_px = 0.0;                        // standard deviation of a coordinate
 };
 
 struct FrameCorners {
@@ -68,7 +68,7 @@ struct ResidualCauses {
   int frames = 0, corners = 0;
   int outliers = 0;        // views of a tag that were rejected
   double rms_px = 0.0;     // distance of a corner after the pose fit
-  double noise_px = 0.0;   // what no cause explains
+  double noise_px = 0.0;   // RMS that no cause explains
   double explained = 0.0;  // fraction explained by all causes together
   // Overlay error because of all significant causes together, RMS [px].
   double overlay_px = 0.0, overlay_sigma_px = 0.0;

@@ -12,8 +12,9 @@ namespace penumbra {
 
 struct MotionPrediction {
   MapFromCamera T_map_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // of T_map_camera * exp([nu; omega]) [m, rad]
-  Vector6d velocity = Vector6d::Zero();    // [m/s, rad/s], camera frame
+  // Covariance of [nu; omega] in T_map_camera * exp([nu; omega]) [m, rad].
+  Matrix6d covariance = Matrix6d::Zero();
+  Vector6d velocity = Vector6d::Zero();  // [m/s, rad/s], camera frame
 };
 
 // Returns the covariance of a hand-held pose extrapolated for `age_s` [m^2, rad^2].

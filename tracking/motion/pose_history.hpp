@@ -63,7 +63,7 @@ class PoseHistory {
   std::optional<TimedPose> last_, before_last_;
   // The latest two located poses, for motion_at(); tracked or uncertain.
   std::optional<TimedPose> located_, before_located_;
-  TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measured frame
+  TrackStatus last_status_ = TrackStatus::tracked;  // status of the latest measured frame
   double frame_interval_s_ = 0.0;
   std::optional<std::int64_t> previous_frame_ns_;
 };

@@ -38,7 +38,8 @@ constexpr unsigned kBuffers = 6;
 // If the driver has fewer buffers, it would drop frames, so frames are copied instead of lent.
 constexpr std::size_t kDriverNeeds = 2;
 constexpr int kRetry_ms = 200;  // between attempts to open the camera again
-constexpr int kFirstTries = 3;  // of the first stream: a camera just closed may need a moment
+// Maximum number of attempts to start the first stream. A camera just closed may need a moment.
+constexpr int kFirstTries = 3;
 // Interval between searches of all devices while the camera is missing and no device is added.
 constexpr std::int64_t kSearchInterval_ns = 2'000'000'000;
 

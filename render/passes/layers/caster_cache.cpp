@@ -50,7 +50,7 @@ std::vector<double> largest_magnifications(const Scene& scene) {
 
 // Returns times at which to compare placements: keys, times between keys, and steps of a spin.
 std::set<double> sample_times(const Scene& scene) {
-  constexpr std::size_t kMaxKeys = 32;  // of one object
+  constexpr std::size_t kMaxKeys = 32;  // maximum number of sampled keys per object
   constexpr int kSpinSteps = 8;
   std::set<double> times = {0.0};
   for (const SceneObject& object : scene.objects) {

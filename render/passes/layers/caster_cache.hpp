@@ -94,7 +94,7 @@ struct CachedCaster {
   KernelSource stored_source = KernelSource::automatic;
   CasterBody whole;
   std::optional<ShadowProxy> proxy;     // a reduced mesh that may cast layers
-  CasterBody reduced;                   // of the proxy
+  CasterBody reduced;                   // body of the proxy
   std::map<ProxyKey, bool> proxy_kept;  // whether compare_with_proxy() accepts the proxy
   glm::vec3 min_corner{0.0F};
   glm::vec3 max_corner{0.0F};

@@ -48,7 +48,7 @@ class PlaneMasks {
     bool made = false;
     std::vector<MaskPart> parts;
     int half_octave = 0;          // see cell_size()
-    std::vector<CellBox> bounds;  // of each part [cells]
+    std::vector<CellBox> bounds;  // one per part [cells]
     MaskLayout layout;
     std::vector<std::shared_ptr<DrawnMask>> masks;  // one per group
     // Returns the bounds of the part that covers the same cells; null if there is none.
@@ -69,9 +69,9 @@ class PlaneMasks {
   struct Plane {
     DrawnMasks latest, earlier;           // masks of this frame, masks shown before
     bool in_use = false;                  // in this frame
-    double depth = 0.0;                   // of the nearest shadow [m]
-    std::vector<MaskPart> drawn_before;   // in the previous mask
-    std::vector<PartCoverage> coverages;  // of parts unchanged since the previous mask
+    double depth = 0.0;                   // depth of the nearest shadow [m]
+    std::vector<MaskPart> drawn_before;   // parts of the previous mask
+    std::vector<PartCoverage> coverages;  // coverage by parts unchanged since the previous mask
     std::uint64_t times_drawn = 0;
     [[nodiscard]] std::vector<PartCoverage>::iterator coverage_of(const MaskPart& part,
                                                                   double cell);

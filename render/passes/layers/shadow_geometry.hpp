@@ -66,7 +66,7 @@ struct PreparedShadow {
   GlBuffer placed{BufferUse::vertices};
   GlMesh clipped{3, 2};  // (u, v, h) and (ku, kv)
   FieldTexture field;
-  std::shared_ptr<const FieldOutlines> outlines;  // of a masked field; else null
+  std::shared_ptr<const FieldOutlines> outlines;  // outlines of a masked field; else null
   std::uint64_t last_used = 0;                    // frame number, for shadows on receivers
 
   void clear() {

@@ -17,8 +17,8 @@ namespace penumbra {
 
 // Radii of a vertex [m]. A vertex without a disc (radius 0) is its own kernel.
 struct VertexDisc {
-  float radius = 0.0F;       // of the disc at the vertex's kernel
-  float part_radius = 0.0F;  // of the vertex's part
+  float radius = 0.0F;       // radius of the disc at the vertex's kernel
+  float part_radius = 0.0F;  // PartDisc::radius of the vertex's part
 };
 
 // Returns the radii of each vertex, scaled to the world. `kernels` must have radii.

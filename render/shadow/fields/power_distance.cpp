@@ -405,7 +405,7 @@ class PartField {
   Window window_;
   std::vector<float> max_rho_, min_rho_;  // rho per cell; uncovered: -1 and infinity
   Gaps gaps_, cut_gaps_;
-  float level_ = kUnclipped;            // of the outline
+  float level_ = kUnclipped;            // maximum rho inside the outline
   std::vector<std::uint32_t> outline_;  // indices of cells
   static constexpr int kTile = 8;       // side of a tile [cells]
   int tile_columns_ = 0;

@@ -34,7 +34,7 @@ class PowerTransform {
   };
 
   int width_ = 0, height_ = 0;
-  std::size_t stride_ = 0;  // of values_, a multiple of the strip width
+  std::size_t stride_ = 0;  // row length of values_, a multiple of the strip width
   float bound_ = 0.0F;
   std::vector<Site> sites_;
   std::vector<float> values_;

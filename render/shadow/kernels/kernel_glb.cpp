@@ -219,7 +219,7 @@ class KernelWriter {
 
   GlbDocument& document_;
   const KernelFile& kernels_;
-  double unit_m_;  // of the file
+  double unit_m_;  // length unit of the file
   std::string name_;
   ReferenceCounts references_;
   std::set<int> written_;                 // meshes of the file with their first use done

@@ -20,7 +20,7 @@ namespace penumbra {
 namespace {
 
 // Relaxed local thickness (docs/shadows.md#kernels); its other constants are in KernelTuning.
-constexpr double kHoleShare = 0.005;  // of the covered cells; smaller holes are missing faces
+constexpr double kHoleShare = 0.005;  // fraction of covered cells; smaller holes are missing faces
 // The thickness of bodies that a group joins is measured across joints of up to this fraction of
 // the silhouette's shorter side. Otherwise a wall would be as thick as one brick.
 constexpr double kJointShare = 0.05;

@@ -54,8 +54,9 @@ struct KernelProgress {
 
 // The size of a part, seen along `up`, to which the size of its light is proportional.
 struct PartDisc {
-  glm::vec3 centre{0.0F};  // of the silhouette, object frame [m]; height along `up` irrelevant
-  float radius = 0.0F;     // area-weighted median of the local thickness [m]; 0 without area
+  // Centre of the silhouette, object frame [m]. Its height along `up` is irrelevant.
+  glm::vec3 centre{0.0F};
+  float radius = 0.0F;  // area-weighted median of the local thickness [m]; 0 without area
 };
 inline constexpr double kHalfFieldCell = 1.0 / 512.0;  // half a cell of a field of 256 cells
 // Returns one disc per part. `finest_cell`: minimum cell size of a silhouette's raster, as a

@@ -56,7 +56,8 @@ std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t limit)
   struct Candidate {
     MarkedVertex vertex;
     bool colored = false;
-    double nearest = std::numeric_limits<double>::infinity();  // to the marked vertices, squared
+    // Squared distance to the nearest marked vertex.
+    double nearest = std::numeric_limits<double>::infinity();
   };
   std::vector<Candidate> candidates;
   for (const Mesh& mesh : model.meshes) {

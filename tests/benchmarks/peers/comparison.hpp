@@ -47,7 +47,7 @@ struct Outcome {
   bool ours = false;
   std::vector<double> ms;          // CPU time of each frame, minimum of the repetitions
   std::vector<double> overlay_px;  // error of each tracked frame; negative for other frames
-  std::vector<CameraPose> poses;   // of each frame; identity without a pose
+  std::vector<CameraPose> poses;   // one per frame; identity without a pose
   std::vector<bool> posed;         // a pose was found for the frame, tracked or not
   Evaluation evaluation;           // over the tracked frames
   int tracked = 0;

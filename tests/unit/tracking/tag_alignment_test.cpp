@@ -734,7 +734,7 @@ TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   for (const double length_px : {4.0, 8.0}) {
     SCOPED_TRACE(length_px);
     struct Found {
-      std::vector<double> errors_px;  // of verified poses
+      std::vector<double> errors_px;  // errors of the verified poses
       void add(const AlignmentResult& result, double error_px) {
         if (result.verified) errors_px.push_back(error_px);
       }

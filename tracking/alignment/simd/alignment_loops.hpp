@@ -81,7 +81,7 @@ struct TagPack {
   double R[9][4] = {};  // lattice from camera
   double centre[3][4] = {};
   double per_cell[4] = {};             // [1/m]
-  double ray_from_lattice[9][4] = {};  // of the tag's pose before the step
+  double ray_from_lattice[9][4] = {};  // transform at the tag's pose before the step
   double side_cells[4] = {};
   // Output of marginalise.
   bool valid[4] = {};
@@ -165,7 +165,7 @@ struct RunWalk : WalkPlan {
   };
   const Run* runs = nullptr;
   int count = 0;
-  const float* ray_x = nullptr;  // of the vertices, as in Vertices
+  const float* ray_x = nullptr;  // arrays over the vertices, as in Vertices
   const float* ray_y = nullptr;
   const float* pixel_x = nullptr;
   const float* pixel_y = nullptr;
