@@ -127,10 +127,12 @@ void print_summary(const CameraCalibration& calibration) {
       std::sqrt(covariance(1, 1)), p.cx, std::sqrt(covariance(2, 2)), p.cy,
       std::sqrt(covariance(3, 3)));
   if (const auto& tone = calibration.tone) {
-    fmt::print("tone curve: light = grey ^ {:.2f} +- {:.2f}, by the tags' edges in {} views\n",
-               tone->exponent, tone->sigma, tone->images);
+    fmt::print(
+        "camera response (tone_curve): light = grey ^ {:.2f} +- {:.2f}, by the tags' edges in {} "
+        "views\n",
+        tone->exponent, tone->sigma, tone->images);
   } else {
-    fmt::print("tone curve: not known: {}\n", calibration.tone_unknown);
+    fmt::print("camera response (tone_curve): unknown: {}\n", calibration.tone_unknown);
   }
   if (const auto& table = calibration.table) {
     fmt::print(

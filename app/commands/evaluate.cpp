@@ -76,7 +76,8 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
   for (const std::string& warning : warnings) log_warning("{}", warning);
   if (evaluation.frames_judged > 0) return {};
   return fail(
-      "{}: has no pose that {} can judge: {}; its times are {}{}, those of the ground truth {}. "
+      "{}: has no pose that can be compared with {}: {}; its times are {}{}, those of the ground "
+      "truth {}. "
       "Are both of the same recording? --time-offset shifts the estimate, --max-gap allows longer "
       "gaps",
       estimated.name, truth.name, not_judged_text(evaluation),

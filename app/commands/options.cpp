@@ -225,7 +225,7 @@ void warn_of_unused_options(const ShadowChoice& choice) {
   const TechniqueTraits traits = traits_of(*plan.technique);
   if (traits.uses_kernels) return;
   const auto no_use = [&](std::string_view option) {
-    log_warning("{}: {} shadows have no use for it", option, to_string(*plan.technique));
+    log_warning("{}: has no effect with {} shadows", option, to_string(*plan.technique));
   };
   if (choice.kernel_file ||
       plan.kernels.value_or(KernelSource::automatic) != KernelSource::automatic)
@@ -240,12 +240,12 @@ void warn_of_unused_options(const CLI::App& command, const TrackerOptions& track
   if (given != nullptr && given->count() > 0) {
     for (const char* option : {"--tracking", "--pose-budget", "--no-background-search"}) {
       if (command.count(option) > 0)
-        log_warning("{}: --poses-from has no use for it; nothing is tracked", option);
+        log_warning("{}: has no effect with --poses-from, because nothing is tracked", option);
     }
     return;
   }
   if (tracking.mode == TrackingMode::detect && tracking.pose_budget_px > 0.0) {
-    log_warning("--pose-budget: detection has no use for it; it samples what it finds");
+    log_warning("--pose-budget: has no effect with --tracking detect");
   }
 }
 

@@ -45,7 +45,7 @@ LayeredConstants constants_from(const ShadowOptions& options) {
     return *constants;
   }
   if (options.light_ratio && options.umbra_height) {
-    usage_error("--umbra-height", "stands in place of --light-ratio; give one of the two");
+    usage_error("--umbra-height", "replaces --light-ratio; give one of the two");
   }
   const LayeredConstants defaults;
   double ratio = options.light_ratio.value_or(0.0);
@@ -125,7 +125,7 @@ void note_unused_options(const ShadowOptions& options, ShadowJob& job) {
   const auto no_use = [&](bool given, std::string_view option) {
     if (!given) return false;
     job.warnings.push_back(
-        fmt::format("{}: {} shadows have no use for it", option, options.technique));
+        fmt::format("{}: has no effect with {} shadows", option, options.technique));
     return true;
   };
   if (!job.has_layers()) {

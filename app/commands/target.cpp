@@ -85,7 +85,7 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
 
 void check_options_of_type(const CLI::App& command, const std::string& type) {
   if (command.count("--dictionary") > 0 && command.count("--family") > 0)
-    usage_error("--dictionary", "goes in place of --family; name one of them");
+    usage_error("--dictionary", "replaces --family; give one of the two");
   struct Use {
     const char* option;
     std::vector<std::string_view> types;

@@ -56,7 +56,7 @@ Result<void> check_readable(const std::filesystem::path& path) {
     }
   }
   if (!error) return {};
-  return fail("{}: cannot be read: {}; see who may read it", path.string(), error.message());
+  return fail("{}: cannot be read: {}; check its permissions", path.string(), error.message());
 }
 
 std::string name_of(const std::filesystem::path& folder) {

@@ -156,8 +156,7 @@ struct RecordingWriter::Impl {
     if (fs::exists(folder, error) &&
         (!fs::is_directory(folder, error) ||
          fs::directory_iterator(folder, error) != fs::directory_iterator())) {
-      return fail("{}: is there already and not empty; name a new folder to record to",
-                  folder.string());
+      return fail("{}: exists and is not empty; name a new folder to record to", folder.string());
     }
     // Created folders, deepest first: the order of removal if a later step fails.
     std::vector<fs::path> made;

@@ -51,7 +51,7 @@ Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder)
       return fail("{}: is not a folder; name a new one for the recording", path.string());
     }
     if (fs::directory_iterator(target, error) != fs::directory_iterator() || error) {
-      return fail("{}: is there already and not empty; name a new folder for the recording",
+      return fail("{}: exists and is not empty; name a new folder for the recording",
                   path.string());
     }
   }

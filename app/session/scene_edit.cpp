@@ -224,7 +224,7 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file, ignored)) return events;
   std::ifstream stream(file, std::ios::binary);
   if (!stream || std::filesystem::is_directory(file, ignored)) {
-    return fail("{}: cannot be read; see who may read it", file.string());
+    return fail("{}: cannot be read; check its permissions", file.string());
   }
   // Reads line by line, because a long session has many events.
   std::vector<char> buffer(kMaxLineBytes);

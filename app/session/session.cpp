@@ -183,7 +183,7 @@ Result<void> Session::read_back_image(std::span<std::uint8_t> rgba, SessionFrame
 Result<StageTime> Session::take_image(std::vector<std::uint8_t>& rgba) {
   rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
               static_cast<std::size_t>(camera_.height()));
-  if (compositor_.pending_images() == 0) return fail("an image that was drawn is lost");
+  if (compositor_.pending_images() == 0) return fail("a rendered image was lost");
   const Stopwatch watch;
   PENUMBRA_TRY_VOID(compositor_.take_image(rgba));
   return watch.elapsed();

@@ -181,7 +181,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
     }
     if (row->study != study) {
       return fail(
-          "{}: holds the study {}, this one is {}; give the same options, or name another file",
+          "{}: holds the study {}, but this one is {}; give the same options, or name another file",
           file.string(), row->study, study);
     }
     results.rows_.push_back(std::move(*row));
@@ -195,7 +195,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
         file.string(), design.participant);
   }
   if (line_end < text.size()) {
-    log_warning("{}: its last line was cut off, and is taken away", file.string());
+    log_warning("{}: its last line was cut off and is removed", file.string());
     if (ftruncate(handle, static_cast<off_t>(mark_bytes + line_end)) != 0) return not_written(file);
   }
   return results;

@@ -270,7 +270,7 @@ Result<CalibrationSolution> Bundle::finish() {
   const int inliers = solution.corners - solution.outliers;
   const double dof = 2.0 * inliers - n_lens - 6.0 * static_cast<double>(views_.size());
   if (dof < 10.0) {
-    return fail("{} corners in {} views do not fix a camera; take more views", inliers,
+    return fail("{} corners in {} views do not determine a camera; take more views", inliers,
                 views_.size());
   }
   solution.noise_px = std::sqrt(sum / dof);
@@ -308,7 +308,7 @@ Result<CalibrationSolution> Bundle::finish() {
   const Eigen::MatrixXd lens_inverse = inverse.topLeftCorner(n_lens, n_lens);
   if (factor.info() != Eigen::Success || !lens_inverse.allFinite() ||
       !(lens_inverse.diagonal().minCoeff() > 0.0)) {
-    return fail("the views do not fix the camera; tilt the target in several directions");
+    return fail("the views do not determine the camera; tilt the target in several directions");
   }
   // Residuals of one view are correlated (blur, light, board warp). Covariance inflation: ratio of
   // the traces of the sandwich estimate, clustered by view, and the plain estimate, for the lens

@@ -199,7 +199,7 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
                          std::span<const CalibrationView> views) {
   if (views.size() < 3) {
     return fail(
-        "{} usable views do not fix a camera; take at least 3, better 20, with the target "
+        "{} usable views do not determine a camera; take at least 3, better 20, with the target "
         "tilted in several directions",
         views.size());
   }
@@ -208,7 +208,7 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
       return fail("{}: has {} corners, but {} marks", view.name, view.corners.size(),
                   view.outlier.size());
     if (view.corners.size() < 4)
-      return fail("{}: has {} corners; 4 fix a pose", view.name, view.corners.size());
+      return fail("{}: has {} corners; a pose needs 4", view.name, view.corners.size());
     for (const TargetCorner& corner : view.corners) {
       if (corner.point < 0 || static_cast<std::size_t>(corner.point) >= board.size() ||
           !corner.pixel.allFinite())

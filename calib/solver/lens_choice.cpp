@@ -330,7 +330,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
         choice.model == DistortionModel::fisheye ? "" : ", or try --model fisheye");
   }
   return fail(
-      "the views do not fix a lens ({}); take views with the target near every corner of the "
+      "the views do not determine a lens ({}); take views with the target near every corner of the "
       "image, tilted in several directions",
       tried.first_error ? tried.first_error->message : "none explains them");
 }

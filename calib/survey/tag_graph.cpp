@@ -504,7 +504,8 @@ Result<GraphCovariance> TagGraph::covariance() {
   if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-13) || !inverse.allFinite() ||
       !(inverse.diagonal().minCoeff() > 0.0)) {
     return fail(
-        "some tags' places are not fixed; see every tag together with others, in several frames");
+        "the positions of some tags are not determined; see every tag together with others, in "
+        "several frames");
   }
   // Errors of neighbouring frames are correlated (light, blur, lens model). Covariance inflation:
   // scatter of the scores summed over clusters of frames, relative to that of independent errors.

@@ -242,7 +242,8 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
     }
     if (grew && !graph.adjust(true))
       return fail(
-          "the tags' places do not settle; sweep slower, and over two or more tags at a time");
+          "the positions of the tags do not converge; sweep slower, and over two or more tags at a "
+          "time");
   }
   if (std::ranges::none_of(graph.cameras, [](const auto& pose) { return pose.has_value(); })) {
     return fail("tag {} alone never determines the camera's pose; come closer to it, at an angle",
@@ -285,7 +286,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
     graph.lens_is_free = true;
     settled = adjust();
   }
-  if (!settled) return fail("the tags' places do not settle; sweep slower");
+  if (!settled) return fail("the positions of the tags do not converge; sweep slower");
   std::map<int, std::pair<int, int>> counts;  // sightings, and those without outliers
   for (std::size_t f = 0; f < input.frames.size(); ++f) {
     if (!graph.cameras[f]) continue;
@@ -379,11 +380,13 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
     result.apparent = MappedTag{id, options.family, size_m, any_size_fit->T_anchor_tag};
     result.words =
         sized ? fmt::format(
-                    "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; give its size with "
+                    "tag {}: appears to be {:.1f} mm in size, but {:.1f} mm is given; give its "
+                    "size with "
                     "--sizes",
                     id, size_m * 1e3, nominal_m * 1e3)
-              : fmt::format("tag {}: has no size, and looks {:.1f} mm; give its size with --sizes",
-                            id, size_m * 1e3);
+              : fmt::format(
+                    "tag {}: has no size, and appears to be {:.1f} mm; give its size with --sizes",
+                    id, size_m * 1e3);
     return result;
   }
   if (moved && moved->mean_px < kExplains * given_size_fit->mean_px()) {

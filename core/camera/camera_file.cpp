@@ -163,8 +163,8 @@ Result<void> save_camera(const std::filesystem::path& file, const CameraModel& c
   if (format == CameraFileFormat::kalibr && p.model == DistortionModel::plumb_bob &&
       p.distortion[4] != 0.0) {
     return fail(
-        "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would be "
-        "another: write another format, or calibrate with --format kalibr, which solves for a "
+        "{}: Kalibr's radtan lens has no k3, and this one has {}; without it the lens differs: "
+        "write another format, or calibrate with --format kalibr, which solves for a "
         "lens without k3",
         file.string(), p.distortion[4]);
   }

@@ -367,7 +367,7 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
       return fail("{}: cannot be read to its end", path.string());
     return bytes;
   } catch (const std::bad_alloc&) {
-    return fail("{}: no memory for its {} bytes", path.string(), size);
+    return fail("{}: not enough memory for its {} bytes", path.string(), size);
   }
 }
 

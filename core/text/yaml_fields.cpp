@@ -109,7 +109,7 @@ Result<bool> YamlFields::has_optional(const std::string& key) const {
     const bool without_unit = std::ranges::any_of(
         kUnits, [&](std::string_view unit) { return key == present + std::string(unit); });
     if (!without_unit && edit_distance(present, key) > kMaxEdits) continue;
-    return fail("{}: is not known; is it meant to be `{}`?", place_of(present), key);
+    return fail("{}: is not known; did you mean `{}`?", place_of(present), key);
   }
   return false;
 }

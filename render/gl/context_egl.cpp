@@ -99,7 +99,7 @@ EGLint reset_notification_attribute(GlApi api, EGLint major, EGLint minor, const
 
 // Returns a context, or an error that reports the missing feature of this platform.
 Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi api) {
-  if (platform.display == EGL_NO_DISPLAY) return fail("{}: not there", platform.name);
+  if (platform.display == EGL_NO_DISPLAY) return fail("{}: does not exist", platform.name);
   EGLint major = 0;
   EGLint minor = 0;
   if (eglInitialize(platform.display, &major, &minor) != EGL_TRUE)
@@ -109,7 +109,7 @@ Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi 
     return fail("{}: no EGL_KHR_surfaceless_context", platform.name);
 
   const EGLenum api_name = api == GlApi::gl33 ? EGL_OPENGL_API : EGL_OPENGL_ES_API;
-  if (eglBindAPI(api_name) != EGL_TRUE) return fail("{}: the API is not there", platform.name);
+  if (eglBindAPI(api_name) != EGL_TRUE) return fail("{}: the API is not available", platform.name);
   EGLConfig config = nullptr;  // EGL_NO_CONFIG_KHR
   if (!has_extension(extensions, "EGL_KHR_no_config_context")) {
     const std::array<EGLint, 5> of_config = {

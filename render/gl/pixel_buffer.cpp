@@ -68,8 +68,7 @@ Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
   if (!complete) {
     return fail(
-        "the graphics driver has lost an image that was to be read back; go on without pixel "
-        "buffers (--pixel-buffers off)");
+        "the graphics driver lost an image while it was read back; use --pixel-buffers off");
   }
   return {};
 }

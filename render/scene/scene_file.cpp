@@ -590,7 +590,7 @@ void SceneReader::warn_of_lights() {
   for (const auto& [plane, lights] : lights_on) {
     if (lights.size() <= kMaxHardLights) continue;
     warn("/shadows",
-         fmt::format("{} lights throw projected shadows onto \"{}\", which shows those of {}; the "
+         fmt::format("{} lights cast projected shadows onto \"{}\", which shows those of {}; the "
                      "others' are skipped: name fewer of them, or take the technique \"volume\"",
                      lights.size(), shortened(scene_.planes[static_cast<std::size_t>(plane)].name),
                      kMaxHardLights));

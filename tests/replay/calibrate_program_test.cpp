@@ -109,7 +109,7 @@ TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   ASSERT_TRUE(p.tone_curve);
   EXPECT_GT(*p.tone_curve, 1.3);
   EXPECT_LT(*p.tone_curve, 2.4);
-  EXPECT_THAT(result.out, HasSubstr("tone curve: light = grey ^ "));
+  EXPECT_THAT(result.out, HasSubstr("camera response (tone_curve): light = grey ^ "));
   const std::string html = test::read_bytes(report);
   EXPECT_THAT(html, HasSubstr("class=\"verdict good\""));
   EXPECT_THAT(html, Not(HasSubstr("http")));  // the report has no external resources
@@ -128,7 +128,7 @@ TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
   EXPECT_NEAR(camera->parameters().cy, truth->parameters().cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
   EXPECT_FALSE(camera->parameters().tone_curve);
-  EXPECT_THAT(result.out, HasSubstr("tone curve: not known: a chessboard"));
+  EXPECT_THAT(result.out, HasSubstr("camera response (tone_curve): unknown: a chessboard"));
   EXPECT_THAT(result.out, Not(HasSubstr("mirror")));
 }
 
@@ -684,7 +684,7 @@ TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
       test::run_program(test::program(), {"map", thinned.string(), "--sizes", sizes.string(),
                                           "--anchor", "5", "--output", tags.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("tag 7: looks 40.0 mm in size, where 60.0 mm is given"));
+  EXPECT_THAT(result.out, HasSubstr("tag 7: appears to be 40.0 mm in size, but 60.0 mm is given"));
   const auto found = load_tag_map(tags);
   ASSERT_TRUE(found);
   EXPECT_EQ(found->tags().size(), 11U);

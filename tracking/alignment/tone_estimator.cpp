@@ -257,8 +257,10 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
 
 Result<ToneEstimate> ToneEstimator::estimate() const {
   if (found_.size() < kMinImages) {
-    return fail("{} images with well exposed tags are too few for a tone curve; {} are enough",
-                found_.size(), kMinImages);
+    return fail(
+        "{} images with well exposed tags are too few to estimate the camera response; {} are "
+        "enough",
+        found_.size(), kMinImages);
   }
   std::vector<double> exponents;
   std::vector<double> blurs;
@@ -294,7 +296,8 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
   }
   result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);
   if (!(result.sigma <= kMaxToneSigma)) {
-    return fail("the images leave the tone curve's exponent open by {:.2f}", result.sigma);
+    return fail("the images determine the exponent of the camera response only to {:.2f}",
+                result.sigma);
   }
   return result;
 }

@@ -242,7 +242,7 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   if (used.empty()) return fail("no tag of the table was found");
 
   Agreement found = reject_outliers(camera, std::move(used));
-  if (found.minima.empty()) return fail("the corners in view do not fix a pose");
+  if (found.minima.empty()) return fail("the corners in view do not determine a pose");
   BoardPose result;
   result.best = found.minima.front();
   result.inconsistent =

@@ -41,7 +41,7 @@ Result<Eigen::Matrix4d> Nodes::node_transform(std::size_t index) const {
     const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());
     const Eigen::RowVector4d last = matrix.row(3);
     if ((last - Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)).cwiseAbs().maxCoeff() > 1e-6) {
-      return fail("nodes/{}/matrix: is not a placement in space (last row 0 0 0 1)", index);
+      return fail("nodes/{}/matrix: is not an affine transform (last row 0 0 0 1)", index);
     }
     return matrix;
   }
@@ -229,7 +229,7 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(
     matrices[i] = Eigen::Map<const Eigen::Matrix4d>(elements.values.data() + 16 * i);
     const Eigen::RowVector4d expected(0.0, 0.0, 0.0, 1.0);
     if ((matrices[i].row(3) - expected).cwiseAbs().maxCoeff() > 1e-4) {
-      return fail("{}: matrix {} is not a placement in space (last row 0 0 0 1)", what, i);
+      return fail("{}: matrix {} is not an affine transform (last row 0 0 0 1)", what, i);
     }
     matrices[i].row(3) = expected;
   }

@@ -201,10 +201,10 @@ TEST_F(TagSurveyTest, RejectsAndReportsTagOfWrongSize) {
     const auto survey = survey_tags(camera_, frames, options_);
     ASSERT_TRUE(survey) << survey.error().message;
     ASSERT_EQ(survey->left_out.size(), 1U);
-    EXPECT_THAT(survey->left_out[0],
-                testing::StartsWith(fmt::format("tag 4: looks {:.1f} mm in size, where 60.0 mm is "
-                                                "given",
-                                                60.0 * factor)));
+    EXPECT_THAT(survey->left_out[0], testing::StartsWith(fmt::format(
+                                         "tag 4: appears to be {:.1f} mm in size, but 60.0 mm is "
+                                         "given",
+                                         60.0 * factor)));
     ASSERT_EQ(survey->tags.size(), 5U);
     EXPECT_NEAR(pitch(*survey), 0.08, 1e-5);
     EXPECT_EQ(survey->tags[1].frames, 12);
@@ -228,7 +228,7 @@ TEST_F(TagSurveyTest, ReportsInconsistentAnchor) {
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_FALSE(survey);
   EXPECT_THAT(survey.error().message,
-              testing::StartsWith("the anchor, tag 0: looks 84.0 mm in size, where 60.0 mm"));
+              testing::StartsWith("the anchor, tag 0: appears to be 84.0 mm in size, but 60.0 mm"));
 }
 
 TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
@@ -238,9 +238,10 @@ TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_EQ(survey->tags.size(), 5U);
-  EXPECT_THAT(survey->left_out,
-              testing::ElementsAre("tag 5: has no size, and looks 45.0 mm; give its size with "
-                                   "--sizes"));
+  EXPECT_THAT(
+      survey->left_out,
+      testing::ElementsAre("tag 5: has no size, and appears to be 45.0 mm; give its size with "
+                           "--sizes"));
 }
 
 // The tag is moved during the sweep, early or late.

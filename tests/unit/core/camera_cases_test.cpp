@@ -120,7 +120,7 @@ TEST(RosCameraInfo, AssumesMissingModelWithWarning) {
                 ElementsAre(AllOf(HasSubstr("camera: "), HasSubstr("plumb_bob is assumed"))));
   }
   EXPECT_THAT(error_of(ros_text("distortion_modle: equidistant\n", "[0.1, 0, 0, 0]")),
-              HasSubstr("is it meant to be `distortion_model`?"));
+              HasSubstr("did you mean `distortion_model`?"));
 }
 
 TEST(RosCameraInfo, RejectsAndReportsCoefficientsOfOtherModels) {

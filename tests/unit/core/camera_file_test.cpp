@@ -88,7 +88,7 @@ TEST_F(CameraFile, ReportsFileAndFieldOfError) {
   refuses("image_width: 640\nimage_height: 480\n", "camera_matrix: is missing");
   refuses(camera_text() + "tone_curve: bright\n", "tone_curve");
   refuses(camera_text() + "tone_curve: -2\n", "tone_curve");
-  refuses(camera_text() + "tone_curv: 2\n", "is it meant to be `tone_curve`?");
+  refuses(camera_text() + "tone_curv: 2\n", "did you mean `tone_curve`?");
   refuses(camera_text() + "rolling_shutter_row: 0.00003\n", "`rolling_shutter_row_s`?");
   for (const char* others : {"rolling_shutter: true\n", "rolling: 1\n", "tone: warm\n"})
     EXPECT_TRUE(load(camera_text() + others)) << "keys of other tools must be accepted: " << others;

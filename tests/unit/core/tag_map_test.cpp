@@ -92,7 +92,7 @@ TEST_F(TagMapFile, ReportsFileTagAndFieldOfError) {
   refuses("tags: [{id: 1, family: tag36h11}]", "size_m: is missing");
   std::string misspelt = with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]");
   misspelt.insert(misspelt.find("id"), "grop: wall, ");
-  refuses(misspelt, "grop (line 1): is not known; is it meant to be `group`?");
+  refuses(misspelt, "grop (line 1): is not known; did you mean `group`?");
   refuses(std::string(100000, '['), "YAML");
 }
 

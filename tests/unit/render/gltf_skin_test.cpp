@@ -211,7 +211,7 @@ TEST_F(GltfSkin, RejectsDamageAndReportsField) {
                 matrix[3] = 1.0F;
                 file.json["skins"][0]["inverseBindMatrices"] = file.accessor(matrix, "MAT4");
               }),
-              HasSubstr("matrix 0 is not a placement in space"));
+              HasSubstr("matrix 0 is not an affine transform"));
   EXPECT_THAT(error_with([](auto& file) {
                 std::vector<float> matrix = kIdentity;
                 matrix[0] = std::numeric_limits<float>::infinity();

@@ -391,7 +391,7 @@ TEST_F(SceneFile, WarnsOfMoreLightsThanPlaneSupports) {
     return warnings_and_advice(*scene);
   };
   EXPECT_EQ(warnings(7, "hard"), "");
-  EXPECT_THAT(warnings(8, "hard"), HasSubstr("8 lights throw projected shadows onto \"table\", "
+  EXPECT_THAT(warnings(8, "hard"), HasSubstr("8 lights cast projected shadows onto \"table\", "
                                              "which shows those of 7"));
   EXPECT_EQ(warnings(8, "volume"), "");
 }
