@@ -18,6 +18,7 @@
 #include "replay_support.hpp"
 #include "support/deep_png.hpp"
 #include "support/recording_folder.hpp"
+#include "support/running_program.hpp"
 
 namespace penumbra {
 namespace {
@@ -123,10 +124,10 @@ TEST(TextOutput, WritesSameCameraToFileStdoutAndPipe) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const fs::path source = test::shared_dir() / "recordings" / "chessboard";
   const TemporaryFolder folder;
-  test::write_thinned_recording(folder.path() / "some", source, 4);
+  test::write_thinned_recording(folder.path() / "some", source, 5);
   const std::string text = same_in_file_output_and_pipe(
       {"calibrate", folder.path() / "some", "--target", source / "chessboard.yaml", "--model",
-       "plumb_bob", "--views", "8"},
+       "plumb_bob", "--board", "rigid", "--views", "8"},
       "--output");
   test::write_text(folder.path() / "camera.yaml", text);
   const auto camera = load_camera(folder.path() / "camera.yaml");
@@ -138,7 +139,7 @@ TEST(TextOutput, WritesSameCameraToFileStdoutAndPipe) {
 
 TEST(TextOutput, WritesSameTagMapToFileStdoutAndPipe) {
   const TemporaryFolder folder;
-  test::write_thinned_recording(folder.path() / "some", bundled("tabletop"), 6);
+  test::write_thinned_recording(folder.path() / "some", bundled("tabletop"), 12);
   const std::string text = same_in_file_output_and_pipe(
       {"map", folder.path() / "some", "--tag-size", "0.04", "--anchor", "5"}, "--output");
   test::write_text(folder.path() / "tags.yaml", text);
@@ -235,53 +236,48 @@ TEST(NamedPipe, CarriesPosesAndReport) {
   EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
 }
 
-// Shell commands that wait for the warning in the file `log`, which appears after a second, and
-// then for one more second.
-const std::string kWaitForWarning =
-    " 2> log & for i in {1..1500}; do [ -s log ] && break; sleep 0.02; done; sleep 1.1; ";
-
-// Reader and writer open the pipe after the warning.
+// Reader and writer open their pipes a second after the warnings, which appear after a second. The
+// two programs wait at the same time.
 TEST(NamedPipe, ReportsWaitOnce) {
   const TemporaryFolder folder;
-  const fs::path pipe = folder.path() / "pipe";
-  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
-  const auto read = in_shell("penumbra shadow '" + cube() + "' --output pipe" + kWaitForWarning +
-                                 "cat pipe > layers.json; wait $!",
-                             folder.path());
-  EXPECT_EQ(read.exit_code, 0) << read.err;
-  EXPECT_EQ(bytes_of(folder.path() / "log"),
-            "penumbra: warning: pipe: is a named pipe that nothing reads; waiting for "
+  for (const char* pipe : {"out-pipe", "in-pipe"})
+    ASSERT_EQ(mkfifo((folder.path() / pipe).c_str(), 0600), 0);
+  const auto done = in_shell(
+      fmt::format(
+          "penumbra shadow '{0}' --output out-pipe 2> out-log & writer=$!; penumbra evaluate "
+          "--estimated in-pipe --groundtruth '{1}/groundtruth.tum' --camera '{1}/camera.yaml' "
+          "--json 2> in-log > errors.json & reader=$!; for i in {{1..1500}}; do [ -s out-log ] && "
+          "[ -s in-log ] && break; sleep 0.02; done; sleep 1.1; cat out-pipe > layers.json; cat "
+          "'{1}/groundtruth.tum' > in-pipe; wait $writer && wait $reader",
+          cube(), bundled("corner")),
+      folder.path());
+  EXPECT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_EQ(bytes_of(folder.path() / "out-log"),
+            "penumbra: warning: out-pipe: is a named pipe that nothing reads; waiting for "
             "its reader\n");
   EXPECT_THAT(bytes_of(folder.path() / "layers.json"), StartsWith("{\"H\":"));
-
-  const std::string evaluate = fmt::format(
-      "penumbra evaluate --estimated pipe --groundtruth '{0}/groundtruth.tum' --camera "
-      "'{0}/camera.yaml' --json",
-      bundled("corner"));
-  const auto written = in_shell("rm log; " + evaluate + kWaitForWarning + "cat '" +
-                                    bundled("corner") + "/groundtruth.tum' > pipe; wait $!",
-                                folder.path());
-  EXPECT_EQ(written.exit_code, 0) << written.err;
-  EXPECT_EQ(bytes_of(folder.path() / "log"),
-            "penumbra: warning: pipe: is a named pipe without data; waiting for its writer\n");
-  EXPECT_EQ(nlohmann::json::parse(written.out)["translation_mm"]["max"], 0.0);
+  EXPECT_EQ(bytes_of(folder.path() / "in-log"),
+            "penumbra: warning: in-pipe: is a named pipe without data; waiting for its writer\n");
+  EXPECT_EQ(nlohmann::json::parse(bytes_of(folder.path() / "errors.json"))["translation_mm"]["max"],
+            0.0);
 }
 
 TEST(NamedPipe, StopsWaitingForReaderOnCtrlC) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
-  const auto result = test::run_program(
-      test::program(), {"replay", bundled("corner"), "--no-window", "--poses", pipe}, {}, {},
-      [](pid_t child) {
-        std::this_thread::sleep_for(std::chrono::seconds(3));
-        kill(child, SIGINT);
+  const fs::path log = folder.path() / "log";
+  test::RunningProgram running(
+      {test::program().string(), "replay", bundled("corner"), "--no-window", "--poses", pipe}, [&] {
+        const int file = open(log.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+        dup2(file, STDERR_FILENO);
       });
-  // The exit code is 128 + SIGINT if the signal came before the outputs were opened.
-  EXPECT_TRUE(result.exit_code == 1 || result.exit_code == 128 + SIGINT) << result.exit_code;
-  if (result.exit_code == 1) {
-    EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
-  }
+  // The warning of the wait appears after a second; gives up after a minute.
+  for (int i = 0; i < 6000 && running.runs() && bytes_of(log).empty(); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  EXPECT_THAT(bytes_of(log), HasSubstr("waiting for its reader"));
+  running.signal(SIGINT);
+  EXPECT_EQ(running.exit_code(), 1);
 }
 
 // --- the tag map ---
@@ -389,7 +385,8 @@ TEST(DarkSixteenBitImages, TrackLikeEightBitOriginals) {
        {std::pair{8, false}, {10, false}, {12, false}, {12, true}, {14, false}, {16, false}}) {
     const std::string name = fmt::format("{}{}", bits, with_chunk ? "-chunk" : "");
     write_deep_recording(folder.path() / name, bits, with_chunk);
-    const auto result = penumbra({"replay", folder.path() / name, "--no-window", "--poses", "-"});
+    const auto result = penumbra({"replay", folder.path() / name, "--no-window", "--scene",
+                                  test::empty_scene_in(folder.path()), "--poses", "-"});
     EXPECT_EQ(result.exit_code, 0) << result.err;
     poses[name] = result.out;
     EXPECT_EQ(test::lines_of(result.out).size(), 3U) << name;
@@ -461,7 +458,7 @@ TEST(ImageFault, IsReportedForMirroredAndNegativeImages) {
     EXPECT_TRUE(test::read_json(report)["tracking"].contains("image_fault"));
     const auto live =
         penumbra({"live", "--camera", "recording:" + recording.string(), "--calibration",
-                  recording / "camera.yaml", "--no-window", "--duration", "0.5"});
+                  recording / "camera.yaml", "--no-window", "--duration", "0.2"});
     EXPECT_EQ(live.exit_code, 0) << live.err;
     EXPECT_THAT(live.err, HasSubstr(what));
   }
@@ -485,7 +482,8 @@ TEST(ImageFault, IsReportedWhenMirroringBeginsMidSession) {
     listing += fmt::format("{},{:.1f},{}\n", i, 0.1 * i, file);
   }
   test::write_text(recording / "timestamps.csv", listing);
-  const auto result = penumbra({"replay", recording, "--no-window"});
+  const auto result = penumbra(
+      {"replay", recording, "--no-window", "--scene", test::empty_scene_in(folder.path())});
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("tracked 1,"));
   EXPECT_THAT(result.err, HasSubstr("the images are mirrored"));

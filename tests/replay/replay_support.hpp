@@ -35,6 +35,14 @@ inline std::string bundled(const char* name) {
   return (recordings_dir() / name).string();
 }
 
+// Writes a scene without objects and shadows and returns its path. For tests of tracking, because
+// drawing takes longer.
+inline std::string empty_scene_in(const std::filesystem::path& folder) {
+  const std::filesystem::path file = folder / "empty.json";
+  std::ofstream(file) << R"({"objects": [], "shadows": []})";
+  return file.string();
+}
+
 // Returns true if Xvfb is installed, which tests/support/with-display needs.
 inline bool has_xvfb() {
   return std::system("command -v Xvfb >/dev/null 2>&1") == 0;

@@ -278,7 +278,7 @@ TEST(StandardStreams, KeepOutputsOfLiveCompleteWhenClosedOrFull) {
            {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
     SCOPED_TRACE(redirection);
     const LiveSession session;
-    std::vector<std::string> words = session.words({"--no-window", "--duration", "0.5"});
+    std::vector<std::string> words = session.words({"--no-window", "--duration", "0.25"});
     words.erase(words.begin());
     EXPECT_EQ(exit_code_with(redirection, words), expected_code);
     session.expect_whole_outputs();
@@ -309,21 +309,21 @@ TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
     }
     RunningProgram running(
         {program().string(), "replay", bundled("tabletop"), "--no-window", "--realtime", "--frames",
-         "0:65", "--log-level", "debug", "--report", report_file},
+         "0:45", "--log-level", "debug", "--report", report_file},
         [&] { dup2(ends[1], STDERR_FILENO); });
     std::string log;
-    read_until(ends[0], log, "frame 10:");
+    read_until(ends[0], log, "frame 4:");
     const int filler = open_nonblocking_writer(ends[1]);
     ASSERT_GE(filler, 0);
     fill_pipe(filler);
     close(filler);
     close(ends[1]);
-    std::this_thread::sleep_for(milliseconds(1200));
+    std::this_thread::sleep_for(milliseconds(900));
     read_until(ends[0], log, "");
     close(ends[0]);
     EXPECT_EQ(running.exit_code(), 0);
     const auto report = read_json(report_file);
-    EXPECT_EQ(report["frames"], 65);
+    EXPECT_EQ(report["frames"], 45);
     ASSERT_TRUE(report.contains("log_lines_dropped"));
     const auto dropped = report["log_lines_dropped"].get<int>();
     EXPECT_GE(dropped, 10);
@@ -331,7 +331,7 @@ TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
     const std::size_t first = log.find(notice);
     EXPECT_NE(first, std::string::npos) << log.substr(log.size() - 2000);
     EXPECT_EQ(log.find("of the log were dropped", first + notice.size()), std::string::npos);
-    EXPECT_NE(log.find("frame 64:"), std::string::npos);
+    EXPECT_NE(log.find("frame 44:"), std::string::npos);
   }
 }
 
@@ -368,15 +368,15 @@ TEST(HangupSignal, IsIgnoredWhenIgnoredAtStart) {
   const std::string poses = (folder.path() / "out.tum").string();
   RunningProgram running(
       {program().string(), "replay", bundled("tabletop"), "--no-window", "--realtime", "--frames",
-       "0:36", "--poses", poses, "--report", report_file},
+       "0:20", "--poses", poses, "--report", report_file},
       [] { std::signal(SIGHUP, SIG_IGN); });  // like nohup
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 7; ++i) {
     std::this_thread::sleep_for(milliseconds(100));
     running.signal(SIGHUP);
   }
   EXPECT_EQ(running.exit_code(), 0);
   const auto report = read_json(report_file);
-  EXPECT_EQ(report["frames"], 36);
+  EXPECT_EQ(report["frames"], 20);
   EXPECT_EQ(report["interrupted"], false);
 }
 
@@ -414,7 +414,7 @@ TEST(DisplayLoss, EndsReplayWithCompleteOutputs) {
     const fs::path partial = path("out.mp4") + fmt::format(".partial-{}-0", running.process());
     for (int i = 0; i < 6000 && running.runs() && !fs::exists(partial); ++i)
       std::this_thread::sleep_for(milliseconds(10));
-    std::this_thread::sleep_for(milliseconds(500));
+    std::this_thread::sleep_for(milliseconds(200));
     display.end(SIGKILL);
     EXPECT_EQ(running.exit_code(), 1);
     const auto report = read_json(path("report.json"));

@@ -197,6 +197,7 @@ TEST_F(SimulateCommand, AppliesCameraResponseGainAndTagCover) {
 // Detection fails for a tag with a hidden edge, but the tracker can align a tag that it already
 // tracks.
 TEST_F(SimulateCommand, KeepsTagsTrackableWhenCoveredLater) {
+  write_path(4, 0.003);
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);
   ASSERT_EQ(run("later", {"--cover", "0.4", "--cover-from", "1"}).exit_code, 0);

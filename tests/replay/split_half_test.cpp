@@ -9,6 +9,7 @@
 #include "core/text/text.hpp"
 #include "replay_support.hpp"
 #include "support/recording_folder.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -66,14 +67,15 @@ TEST(SplitHalf, NamesAWrongCameraFile) {
   wrong.fx *= 1.01;
   wrong.fy *= 1.01;
   ASSERT_TRUE(save_camera(file, CameraModel::make(wrong).value()));
-  const nlohmann::json json =
-      evaluated({"--split-half", bundled("tabletop"), "--camera", file.string()});
+  const std::filesystem::path json_file = folder.path() / "halves.json";
+  const ProgramResult table = penumbra({"evaluate", "--split-half", bundled("tabletop"), "--camera",
+                                        file.string(), "--json", json_file.string()});
+  ASSERT_EQ(table.exit_code, 0) << table.err;
+  const nlohmann::json json = read_json(json_file);
   // The camera moves so little that displaced tags explain the residuals almost as well.
   EXPECT_TRUE(json["residuals"]["lens"]["possible"]);
   EXPECT_NEAR(json["residuals"]["lens"]["focal_percent"].get<double>(), -0.99, 0.15);
   EXPECT_FALSE(json["residuals"]["shutter"]["possible"]);
-  const ProgramResult table =
-      penumbra({"evaluate", "--split-half", bundled("tabletop"), "--camera", file.string()});
   EXPECT_THAT(table.out, HasSubstr("lens or paper: this recording can't tell which"));
 }
 
@@ -97,7 +99,9 @@ TEST(SplitHalf, WritesTableJsonAndPlot) {
   const TemporaryFolder folder;
   const auto json = folder.path() / "halves.json";
   const auto plot = folder.path() / "halves.svg";
-  const std::vector<std::string> arguments = {"evaluate",    "--split-half", bundled("tabletop"),
+  const std::filesystem::path some = folder.path() / "some";
+  write_thinned_recording(some, bundled("tabletop"), 2);
+  const std::vector<std::string> arguments = {"evaluate",    "--split-half", some.string(),
                                               "--tracking",  "fast",         "--json",
                                               json.string(), "--plot",       plot.string()};
   const ProgramResult first = penumbra(arguments);
@@ -124,12 +128,14 @@ TEST(SplitHalf, FailsInOneLineWithoutFourTags) {
   tags.resize(3);
   const std::string three = (folder.path() / "three.yaml").string();
   ASSERT_TRUE(write_text_file(three, tag_map_text(TagMap::make(tags).value())));
-  expect_failure(penumbra({"evaluate", "--split-half", bundled("tabletop"), "--tags", three}),
+  const std::string some = (folder.path() / "tabletop").string();
+  write_thinned_recording(some, bundled("tabletop"), 10);
+  expect_failure(penumbra({"evaluate", "--split-half", some, "--tags", three}),
                  {"tabletop", "more than 3 tags", "not sufficient", "4 or more"});
   for (MappedTag& tag : tags) tag.id += 400;
   const std::string other = (folder.path() / "other.yaml").string();
   ASSERT_TRUE(write_text_file(other, tag_map_text(TagMap::make(tags).value())));
-  expect_failure(penumbra({"evaluate", "--split-half", bundled("tabletop"), "--tags", other}),
+  expect_failure(penumbra({"evaluate", "--split-half", some, "--tags", other}),
                  {"tabletop", "no frame shows its tags", "--tags"});
 }
 
@@ -166,7 +172,13 @@ class SplitHalfRecordings : public testing::TestWithParam<SharedCase> {};
 
 TEST_P(SplitHalfRecordings, ShowTheirCause) {
   if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
-  const auto folder = shared_dir() / "recordings" / GetParam().recording;
+  auto folder = shared_dir() / "recordings" / GetParam().recording;
+  const TemporaryFolder temporary;
+  if (!nightly() && std::string(GetParam().recording) == "bent") {
+    // The slowest. Half of its frames determine the bend to 0.01 mm, so the bound is the same.
+    write_thinned_recording(temporary.path() / "bent", folder, 2);
+    folder = temporary.path() / "bent";
+  }
   const nlohmann::json residuals = evaluated({"--split-half", folder.string()})["residuals"];
   for (const char* cause : {"paper", "lens", "shutter"})
     EXPECT_EQ(residuals[cause]["significant"], cause == std::string(GetParam().cause)) << cause;

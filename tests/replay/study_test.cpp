@@ -99,7 +99,7 @@ std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path
     Expected answer;
     answer.chosen = (highest_of(sample) + (trial.number % 3 == 0 ? 1 : 0)) % 3;
     // The times lie between frames, so that rounding to frame times would be detected.
-    answer.time_ns = 123'456'789 + 41'000'001 * trial.number;
+    answer.time_ns = 103'456'789 + 17'000'001 * trial.number;
     script << trial.number << " 0.05 click pixel 3 470\n"
            << trial.number << " 0." << answer.time_ns << " click sphere " << answer.chosen + 1
            << "\n";
