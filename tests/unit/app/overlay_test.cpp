@@ -91,6 +91,16 @@ Shot shoot(Overlay& overlay, const HudState& state, const HudPanels& panels, int
   return shot;
 }
 
+// Draws the HUD only for its actions. Rasterization, the slowest part with software OpenGL, is off.
+void act(Overlay& overlay, const HudState& state, const HudPanels& panels, int width, int height,
+         HudActions& actions) {
+  const auto framebuffer = Framebuffer::create(1, 1).value();
+  framebuffer.bind();
+  glEnable(GL_RASTERIZER_DISCARD);
+  overlay.draw(state, panels, {width, height}, actions);
+  glDisable(GL_RASTERIZER_DISCARD);
+}
+
 std::size_t changed_pixels(const Shot& shot) {
   std::size_t changed = 0;
   for (std::size_t i = 0; i < shot.rgba.size(); i += 4) {
@@ -250,7 +260,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   std::set<WindowCommand> found;
   for (int i = 0; i < 2; ++i) {
     HudActions actions;
-    shoot(*overlay, busy_state(), panels, kWidth, kHeight, actions);
+    act(*overlay, busy_state(), panels, kWidth, kHeight, actions);
   }
   for (int y = kStep_px / 2; y < kHeight; y += kStep_px) {
     for (int x = kStep_px / 2; x < kWidth; x += kStep_px) {
@@ -265,7 +275,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
       HudActions actions;
       for (int i = 0; i < 3; ++i) {
         HudPanels shown = panels;  // the panels that are open in this case
-        shoot(*overlay, busy_state(), shown, kWidth, kHeight, actions);
+        act(*overlay, busy_state(), shown, kWidth, kHeight, actions);
       }
       found.insert(actions.commands.begin(), actions.commands.end());
     }
@@ -318,7 +328,7 @@ DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
   HudActions actions;
   HudPanels panels;
   panels.panels = true;
-  const auto draw = [&] { shoot(overlay, state, panels, 640, 400, actions); };
+  const auto draw = [&] { act(overlay, state, panels, 640, 400, actions); };
   draw();
   draw();
   WindowEvent event;
@@ -392,7 +402,7 @@ TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
   std::set<Translucency> chosen;
   for (int row = 0; row < 12; ++row) {
     HudActions actions;
-    const auto draw = [&] { shoot(*overlay, state, panels, 1280, 720, actions); };
+    const auto draw = [&] { act(*overlay, state, panels, 1280, 720, actions); };
     const auto click = [&](int y) {
       WindowEvent event;
       event.x = 1150.0;
