@@ -110,7 +110,8 @@ struct ShapeErrors {
   double free_px = 0.0;
 };
 ShapeErrors errors_with(const std::function<void(Eigen::Vector3d&, std::mt19937&)>& bend) {
-  const unsigned runs = test::nightly() ? 5 : 2;
+  // The bounds are ratios of errors with the same views and noise, so one run suffices.
+  const unsigned runs = test::nightly() ? 5 : 1;
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   ShapeErrors sum;
@@ -200,7 +201,7 @@ TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
 }
 
 // Short form of the stress test: the true projection lies within the predicted uncertainty, except
-// at 5 % of the points. If one of the 8 calibrations were wrong everywhere, more points would lie
+// at 5 % of the points. If one of the 4 calibrations were wrong everywhere, more points would lie
 // outside.
 TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
@@ -208,7 +209,7 @@ TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   int inside = 0;
   int all = 0;
   double ratio = 0.0;
-  for (unsigned run = 0; run < (test::nightly() ? 20 : 8); ++run) {
+  for (unsigned run = 0; run < (test::nightly() ? 20 : 4); ++run) {
     std::mt19937 rng(100 + run);
     const auto views = test::simulate_views(truth, board, {.views = 12, .noise_px = 0.2}, rng);
     const auto solved = solve_intrinsics(640, 480, board, views);
