@@ -13,6 +13,7 @@
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 #include "support/techniques.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -122,6 +123,7 @@ TEST(Multisampling, ChangesOnlyEdges) {
   const auto scene = std::make_shared<const Scene>(
       load_scene(test::source_dir() / "scenes" / "default.json").value());
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    std::size_t cases = 0;
     CompositorOptions multisampled;
     multisampled.msaa = 4;
     CompositorOptions single_sampled;
@@ -130,8 +132,11 @@ TEST(Multisampling, ChangesOnlyEdges) {
     test::Studio smooth(scene, view_of(1), api, multisampled);
     const Frame frame = test::plain_frame(kViewWidth, kViewHeight, 200);
     for (const ShadowTechnique technique : test::techniques_without({})) {
+      ++cases;
       for (const Translucency mode : {Translucency::blend, Translucency::mesh,
                                       Translucency::retexture, Translucency::geometry_mesh}) {
+        // The short form draws each technique and mode with one API, the long form with both.
+        if (!test::nightly() && ++cases % 2 == (api == GlApi::gl33 ? 0U : 1U)) continue;
         const std::string name =
             std::string(to_string(technique)) + "-" + std::string(to_string(mode));
         SCOPED_TRACE(name);
