@@ -228,7 +228,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
     const TagMap map = TagMap::make(session.tags).value();
     auto with_exposure = GroupTracker::create(session.camera, map).value();
     auto without_exposure = GroupTracker::create(session.camera, map).value();
-    for (int f = 0; f < (nightly() ? 20 : 10); ++f) {
+    for (int f = 0; f < (nightly() ? 20 : 6); ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.image(renderer, f);
       const double middle = f * session.frame_s;
@@ -416,6 +416,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
     for (std::size_t tag = 0; tag < board.tags.size(); tag += nightly() ? 1 : 2) {
       for (const bool sideways : {false, true}) {
         for (const double by : nightly() ? all : few) {
+          if (by == 0.0 && (sideways || tag > 0)) continue;  // the same images as before
           SCOPED_TRACE(fmt::format("{}: tag {} by {} m {}", board.name, board.tags[tag].id, by,
                                    sideways ? "sideways" : "away"));
           const Session drawn = moved(session, tag, {sideways ? by : 0.0, sideways ? 0.0 : by, 0});
@@ -423,7 +424,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
           auto tracker =
               GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
           bool right = false;
-          for (int f = 0; f < 4; ++f) {
+          for (int f = 0; f < (nightly() ? 4 : 3); ++f) {
             const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
             expect_consistent(session, pose, session.truth(f));
             right = pose.tags_rejected == only(board.tags[tag]);
@@ -591,7 +592,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       auto tracker =
           GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
-      for (int f = 0; f < 16; ++f) {
+      for (int f = 0; f < (nightly() ? 16 : 9); ++f) {
         session.light.covered_fraction = f < 4 ? 0.0 : 0.3;
         const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);

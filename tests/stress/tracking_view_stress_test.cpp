@@ -107,10 +107,10 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
     int fewest = 12;
     int max_tags_used = 0;
     int out = 0;
-    constexpr int kFrames = 60;
-    for (int f = 0; f < kFrames; ++f) {
+    const int frames = nightly() ? 60 : 30;
+    for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
-      const double away = 0.5 + 0.5 * std::cos(2.0 * std::numbers::pi * f / kFrames);
+      const double away = 0.5 + 0.5 * std::cos(2.0 * std::numbers::pi * f / frames);
       Session now = session;
       now.motion.x.middle = 0.24 * away;
       now.motion.y.middle = 0.10 * away;
@@ -149,7 +149,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
       session.motion.y.middle = 0.7 * aside;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       GroupTracker tracker = tracker_of(session);
-      for (int f = 0; f < (nightly() ? 20 : 3); ++f) {
+      for (int f = 0; f < (nightly() ? 20 : 2); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
         const PoseEstimate pose = tracker.track(session.image(renderer, f)).pose;
@@ -259,7 +259,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
     condition.set(first, condition.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
     GroupTracker tracker = tracker_of(first);
-    const int steps = nightly() ? 60 : 30;
+    const int steps = nightly() ? 60 : 20;
     double reached = condition.from;
     for (int f = 0; f <= steps; ++f) {
       // With `inverse`, the reciprocal changes linearly. The reciprocal of a tag's size in the
@@ -305,7 +305,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
   int frames = 0;
   int tracked_readable = 0;
   int readable = 0;  // frames on the way out in which a cell is at least one pixel wide
-  const int sessions = nightly() ? 40 : 3;
+  const int sessions = nightly() ? 40 : 1;
   for (int k = 0; k < sessions; ++k) {
     RandomNumbers draw(60U + static_cast<std::uint64_t>(k));
     Session session = easy_session();
@@ -349,7 +349,7 @@ TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
   int tracked = 0;
   int ambiguous = 0;
   int wrong = 0;
-  const int sessions = nightly() ? 3000 : 60;
+  const int sessions = nightly() ? 3000 : 30;
   for (int k = 0; k < sessions; ++k) {
     SCOPED_TRACE(k);
     test::SessionKind kind;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <numbers>
 #include <string>
 #include <utility>
@@ -81,7 +82,7 @@ class Stage {
   // map's.
   [[nodiscard]] Frame frame_image(int frame, const Placements& moves = {},
                                   const std::vector<MappedTag>* drawn = nullptr) const {
-    auto renderer = PatternRenderer::create(camera, drawn != nullptr ? *drawn : tags).value();
+    PatternRenderer& renderer = renderer_of(drawn != nullptr ? *drawn : tags);
     std::vector<GroupPlacement> placements;
     for (const auto& [group, placement] : moves) placements.push_back({group, placement});
     PatternRenderOptions options = light;
@@ -117,6 +118,26 @@ class Stage {
   std::vector<MappedTag> tags;
   HandMotion path;
   PatternRenderOptions light;
+
+ private:
+  // Renderers are reused, because each computes the ray of every pixel that it draws.
+  struct TagRenderer {
+    std::vector<MappedTag> tags;
+    std::shared_ptr<PatternRenderer> renderer;
+  };
+  PatternRenderer& renderer_of(const std::vector<MappedTag>& drawn) const {
+    const auto same = [](const MappedTag& a, const MappedTag& b) {
+      return a.id == b.id && a.family == b.family && a.size_m == b.size_m && a.group == b.group &&
+             a.T_table_tag.matrix() == b.T_table_tag.matrix();
+    };
+    for (const TagRenderer& known : renderers_) {
+      if (std::ranges::equal(known.tags, drawn, same)) return *known.renderer;
+    }
+    renderers_.push_back(
+        {drawn, std::make_shared<PatternRenderer>(PatternRenderer::create(camera, drawn).value())});
+    return *renderers_.back().renderer;
+  }
+  mutable std::vector<TagRenderer> renderers_;
 };
 
 inline const GroupEstimate& group_named(const TrackedFrame& tracked, const std::string& name) {

@@ -11,6 +11,7 @@
 #include "support/random_session.hpp"
 #include "support/replay_tracking.hpp"
 #include "support/synthetic_view.hpp"
+#include "support/test_form.hpp"
 #include "tracking/alignment/pattern_renderer.hpp"
 
 namespace penumbra {
@@ -460,9 +461,12 @@ TEST(RigidTagTracker, TracksSingleTagWithoutMirroredPose) {
     const std::vector<MappedTag> tags = {test::flat_tag(3, 0.0, 0.0, size_m)};
     auto renderer = PatternRenderer::create(camera, tags).value();
     int tracked = 0, uncertain = 0;
-    for (int path = 0; path < 3; ++path) {
+    int frames = 0;
+    // The short form tests the slowest and the fastest path.
+    for (int path = 0; path < 3; path += test::nightly() ? 1 : 2) {
       auto tracker = GroupTracker::create(camera, TagMap::make(tags).value()).value();
       for (int i = 0; i < 30; ++i) {
+        ++frames;
         const double t = i / 30.0;
         const CameraPose truth =
             test::looking_at_origin(0.6 + 0.05 * std::sin(2.0 * t), 0.2 - (0.1 + 0.2 * path) * t,
@@ -490,8 +494,9 @@ TEST(RigidTagTracker, TracksSingleTagWithoutMirroredPose) {
         EXPECT_LT(error, 4.0 * pose.predicted_overlay_error_px);
       }
     }
-    EXPECT_GE(tracked, size_m > 0.05 ? 80 : 1) << size_m;
-    EXPECT_GE(tracked + uncertain, 85) << size_m << ": ambiguous views must be reported";
+    EXPECT_GE(tracked, size_m > 0.05 ? frames - frames / 9 : 1) << size_m;
+    EXPECT_GE(tracked + uncertain, frames - frames / 18)
+        << size_m << ": ambiguous views must be reported";
   }
 }
 
