@@ -10,6 +10,7 @@
 #include "render/scene/scene.hpp"
 #include "support/gltf_builder.hpp"
 #include "support/paths.hpp"
+#include "support/test_form.hpp"
 #include "support/textured_glb.hpp"
 
 namespace penumbra {
@@ -78,6 +79,11 @@ void expect_sound(const Model& model) {
   }
 }
 
+// Number of mutations; the short form tries a third of them.
+int mutations(int nightly) {
+  return test::nightly() ? nightly : nightly / 3;
+}
+
 // Tries `count` mutations; returns the number accepted.
 int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
   test::TemporaryFolder folder;
@@ -106,9 +112,9 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGlb) {
   const std::string good = contents(test::source_dir() / "scenes/models/helicopter_tail_rotor.glb");
-  const int accepted = fuzz_model(good, ".glb", 3000, 1);
+  const int accepted = fuzz_model(good, ".glb", mutations(3000), 1);
   EXPECT_GT(accepted, 0);
-  EXPECT_LT(accepted, 3000);
+  EXPECT_LT(accepted, mutations(3000));
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
@@ -123,13 +129,13 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
     square.images.push_back(test::png_bytes(image));
   square.samplers = R"({"magFilter":9728,"minFilter":9987,"wrapS":33071,"wrapT":33648})";
   square.texcoords_1 = square.texcoords;
-  const int with_derived = fuzz_model(test::glb_of(square), ".glb", 2000, 5);
+  const int with_derived = fuzz_model(test::glb_of(square), ".glb", mutations(2000), 5);
   EXPECT_GT(with_derived, 0);
-  EXPECT_LT(with_derived, 2000);
+  EXPECT_LT(with_derived, mutations(2000));
   square.tangents.assign(4, {1, 0, 0, 1});
-  const int with_given = fuzz_model(test::glb_of(square), ".glb", 1000, 6);
+  const int with_given = fuzz_model(test::glb_of(square), ".glb", mutations(1000), 6);
   EXPECT_GT(with_given, 0);
-  EXPECT_LT(with_given, 1000);
+  EXPECT_LT(with_given, mutations(1000));
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
@@ -143,9 +149,9 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
       R"("count":3,"type":"SCALAR"}],"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,)"
       R"("byteOffset":36,"byteLength":6}],"buffers":[{"byteLength":42,"uri":)"
       R"("data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAABAAIA"}]})";
-  const int accepted = fuzz_model(json, ".gltf", 4000, 2);
+  const int accepted = fuzz_model(json, ".gltf", mutations(4000), 2);
   EXPECT_GT(accepted, 0);
-  EXPECT_LT(accepted, 4000);
+  EXPECT_LT(accepted, mutations(4000));
 }
 
 // A glTF file with two joints (weights in three encodings), two morph targets (one sparse), an
@@ -193,9 +199,10 @@ std::string animated_gltf(bool binary) {
 TEST(ModelFuzz, LoadsOrRejectsDamagedSkinsMorphTargetsAndInstances) {
   for (const bool binary : {false, true}) {
     const char* extension = binary ? ".glb" : ".gltf";
-    const int accepted = fuzz_model(animated_gltf(binary), extension, 4000, binary ? 7 : 8);
+    const int accepted =
+        fuzz_model(animated_gltf(binary), extension, mutations(4000), binary ? 7 : 8);
     EXPECT_GT(accepted, 0);
-    EXPECT_LT(accepted, 4000);
+    EXPECT_LT(accepted, mutations(4000));
   }
 }
 
@@ -207,9 +214,9 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedObj) {
   }
   for (int i = 1; i < 38; ++i)
     good += fmt::format("f {0}/{0}/{0} {1}//{1} {2} {3}/1\n", i, i + 1, i + 2, i + 3);
-  const int accepted = fuzz_model(good, ".obj", 4000, 3);
+  const int accepted = fuzz_model(good, ".obj", mutations(4000), 3);
   EXPECT_GT(accepted, 0);
-  EXPECT_LT(accepted, 4000);
+  EXPECT_LT(accepted, mutations(4000));
 }
 
 TEST(ModelFuzz, RejectsRandomBytes) {
