@@ -56,6 +56,12 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
     PENUMBRA_TRY(tag.group,
                  fields.text("group", "name the rigid group, or leave it out for 'table'"));
   }
+  PENUMBRA_TRY(const bool is_curved, fields.has_optional("surface"));
+  if (is_curved) {
+    PENUMBRA_TRY(const std::vector<double> c,
+                 fields.numbers("surface", 3, "give the curvatures [xx, xy, yy] in 1/m"));
+    tag.curvature = {c[0], c[1], c[2]};
+  }
   return tag;
 }
 
@@ -132,7 +138,10 @@ std::array<Eigen::Vector3d, 4> tag_corners(double size_m) {
 
 std::array<Eigen::Vector3d, 4> MappedTag::corners() const {
   std::array<Eigen::Vector3d, 4> corners = tag_corners(size_m);
-  for (Eigen::Vector3d& corner : corners) corner = T_table_tag * corner;
+  for (Eigen::Vector3d& corner : corners) {
+    corner.z() = curvature.height(corner.x(), corner.y(), size_m);
+    corner = T_table_tag * corner;
+  }
   return corners;
 }
 
@@ -152,6 +161,13 @@ Result<TagMap> TagMap::make(std::vector<MappedTag> tags) {
         tag.T_table_tag.translation().cwiseAbs().maxCoeff() > kLargest) {
       return fail("{}: position, quaternion_xyzw: are not a pose in the table frame; give metres",
                   place);
+    }
+    const Eigen::Vector3d curvature(tag.curvature.xx, tag.curvature.xy, tag.curvature.yy);
+    if (!(curvature.cwiseAbs().maxCoeff() * tag.size_m <= 1.0)) {
+      return fail(
+          "{}: surface: has a curvature above {:.4g} 1/m (1 / size_m); measure it again with "
+          "penumbra map, or remove it",
+          place, 1.0 / tag.size_m);
     }
     if (const auto [where, added] = map.index_.emplace(std::pair(tag.family, tag.id), i); !added) {
       return fail("{}: id: is listed twice (also as tags[{}]); every id may lie there once", place,
@@ -196,7 +212,9 @@ std::string tag_map_text(const TagMap& map) {
   std::string text =
       "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
       "of\n# the paper. size_m: edge of the black border's outer square. position, "
-      "quaternion_xyzw: the tag\n# frame in the table frame.\ntags:\n";
+      "quaternion_xyzw: the tag\n# frame in the table frame. surface: curvatures [xx, xy, yy] of "
+      "the "
+      "paper in the tag frame [1/m].\ntags:\n";
   for (const MappedTag& tag : map.tags()) {
     const Eigen::Vector3d& p = tag.T_table_tag.translation();
     const Eigen::Quaterniond& q = tag.T_table_tag.rotation();
@@ -206,6 +224,8 @@ std::string tag_map_text(const TagMap& map) {
         "quaternion_xyzw: [{}, {}, {}, {}]",
         tag.id, to_string(tag.family), tag.size_m, p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w());
     if (tag.group != "table") text += fmt::format(", group: {}", in_quotes(tag.group));
+    if (const TagCurvature& c = tag.curvature; !c.is_flat())
+      text += fmt::format(", surface: [{}, {}, {}]", c.xx, c.xy, c.yy);
     text += "}\n";
   }
   return text;

@@ -58,21 +58,40 @@ struct ArucoDictionary {
 // (-s/2, -s/2), (s/2, -s/2), (s/2, s/2), (-s/2, s/2).
 [[nodiscard]] std::array<Eigen::Vector3d, 4> tag_corners(double size_m);
 
+// Curvature of the paper at a tag, in the tag frame [1/m]. The paper's height over the tag's plane
+// is
+//   z(x, y) = (xx (x^2 - h^2) + 2 xy x y + yy (y^2 - h^2)) / 2,   h = size / 2 [m],
+// zero on average over the corners.
+struct TagCurvature {
+  double xx = 0.0;
+  double xy = 0.0;
+  double yy = 0.0;
+
+  friend bool operator==(const TagCurvature&, const TagCurvature&) = default;
+  [[nodiscard]] bool is_flat() const { return *this == TagCurvature(); }
+  // Returns z(x, y) [m] on a tag of this size.
+  [[nodiscard]] double height(double x_m, double y_m, double size_m) const {
+    const double h2 = 0.25 * size_m * size_m;
+    return 0.5 * (xx * (x_m * x_m - h2) + 2.0 * xy * x_m * y_m + yy * (y_m * y_m - h2));
+  }
+};
+
 struct MappedTag {
   int id = 0;
   TagFamily family = TagFamily::tag36h11;
   double size_m = 0.0;  // outer edge of the black border, without the white margin
   Transform<frame::Table, frame::Tag> T_table_tag;
   std::string group = "table";  // rigid group; only "table" is fixed to the table frame
+  TagCurvature curvature{};
 
-  // Returns tag_corners() in the table frame.
+  // Returns the corners of the curved tag in the table frame, in the order of tag_corners().
   [[nodiscard]] std::array<Eigen::Vector3d, 4> corners() const;
 };
 
 class TagMap {
  public:
-  // Fails on an empty list, a duplicate (family, id), a size that is not positive and finite, or a
-  // non-finite pose.
+  // Fails on an empty list, a duplicate (family, id), a size that is not positive and finite, a
+  // non-finite pose, or a curvature above 1 / size.
   [[nodiscard]] static Result<TagMap> make(std::vector<MappedTag> tags);
 
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
@@ -84,7 +103,8 @@ class TagMap {
   std::map<std::pair<TagFamily, int>, std::size_t> index_;
 };
 
-// Reads a tags.yaml: `tags:` is a list of {id, family, size_m, position, quaternion_xyzw, group?}.
+// Reads a tags.yaml: `tags:` is a list of {id, family, size_m, position, quaternion_xyzw, group?,
+// surface?: [xx, xy, yy] (TagCurvature)}.
 // Errors name file, tag and field.
 [[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
 

@@ -90,10 +90,31 @@ TEST_F(TagMapFile, ReportsFileTagAndFieldOfError) {
   refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1.01]"), "quaternion_xyzw");
   refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 1]"), "quaternion_xyzw");
   refuses("tags: [{id: 1, family: tag36h11}]", "size_m: is missing");
+  const auto with_surface = [&](const char* surface) {
+    std::string text = with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]");
+    return text.insert(text.find("id"), fmt::format("surface: {}, ", surface));
+  };
+  refuses(with_surface("[1, 2]"), "surface");
+  refuses(with_surface("[1, .nan, 2]"), "surface");
+  refuses(with_surface("[0, 10.1, 0]"), "surface: has a curvature above 10 1/m");
   std::string misspelt = with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]");
   misspelt.insert(misspelt.find("id"), "grop: wall, ");
   refuses(misspelt, "grop (line 1): is not known; did you mean `group`?");
   refuses(std::string(100000, '['), "YAML");
+}
+
+TEST(TagMap, CurvedTagHasCornersOnItsSurface) {
+  MappedTag tag;
+  tag.size_m = 0.1;
+  tag.curvature = {0.8, 0.4, -0.2};
+  tag.T_table_tag = {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 1.0)};
+  // At the corners x^2 = y^2 = h^2, so only 2 xy x y / 2 remains.
+  const double saddle_m = 0.4 * 0.05 * 0.05;
+  const auto corners = tag.corners();
+  for (const auto& [k, sign] :
+       {std::pair(0, 1.0), std::pair(1, -1.0), std::pair(2, 1.0), std::pair(3, -1.0)})
+    EXPECT_NEAR(corners[static_cast<std::size_t>(k)].z(), 1.0 + sign * saddle_m, 1e-15) << k;
+  EXPECT_NEAR(tag.curvature.height(0.0, 0.0, 0.1), -0.5 * (0.8 - 0.2) * 0.05 * 0.05, 1e-15);
 }
 
 TEST(TagMap, RejectsInvalidTags) {
@@ -121,6 +142,7 @@ TEST(TagMap, RoundTripsThroughFile) {
   tags[1].family = TagFamily::tag25h9;
   tags[1].size_m = 0.05;
   tags[1].group = "a \"quoted\" wall";
+  tags[1].curvature = {1.0 / 3.0, -2e-7, -19.9};
   const TagMap map = TagMap::make(tags).value();
   const test::TemporaryFolder folder;
   ASSERT_TRUE(write_text_file(folder.path() / "tags.yaml", tag_map_text(map)));
@@ -134,6 +156,9 @@ TEST(TagMap, RoundTripsThroughFile) {
     EXPECT_EQ(after.family, before.family);
     EXPECT_EQ(after.group, before.group);
     EXPECT_EQ(after.size_m, before.size_m);
+    EXPECT_EQ(after.curvature.xx, before.curvature.xx);
+    EXPECT_EQ(after.curvature.xy, before.curvature.xy);
+    EXPECT_EQ(after.curvature.yy, before.curvature.yy);
     EXPECT_EQ(after.T_table_tag.translation(), before.T_table_tag.translation());
     EXPECT_LT(
         (after.T_table_tag.rotation().coeffs() - before.T_table_tag.rotation().coeffs()).norm(),
