@@ -128,7 +128,7 @@ class Stage {
   PatternRenderer& renderer_of(const std::vector<MappedTag>& drawn) const {
     const auto same = [](const MappedTag& a, const MappedTag& b) {
       return a.id == b.id && a.family == b.family && a.size_m == b.size_m && a.group == b.group &&
-             a.T_table_tag.matrix() == b.T_table_tag.matrix();
+             a.T_table_tag.matrix() == b.T_table_tag.matrix() && a.curvature == b.curvature;
     };
     for (const TagRenderer& known : renderers_) {
       if (std::ranges::equal(known.tags, drawn, same)) return *known.renderer;

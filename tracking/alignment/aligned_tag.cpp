@@ -114,6 +114,14 @@ Result<AlignedTag> AlignedTag::make(const MappedTag& mapped) {
   tag.T_map_tag.linear() = mapped.T_table_tag.rotation_matrix();
   tag.T_map_tag.translation() = mapped.T_table_tag.translation();
   tag.cell_m = mapped.size_m / tag.pattern.width_at_border();
+  if (const TagCurvature& c = mapped.curvature; !c.is_flat()) {
+    tag.is_curved = true;
+    const double centre = c.height(0.0, 0.0, mapped.size_m) / tag.cell_m;
+    for (const auto& [k, value] :
+         {std::pair(0U, centre), std::pair(1U, c.xx * tag.cell_m), std::pair(2U, c.xy * tag.cell_m),
+          std::pair(3U, c.yy * tag.cell_m)})
+      tag.height[k] = static_cast<float>(value);
+  }
   tag.side = tag.pattern.total_width() + 1;
   add_lattice(tag);
   add_runs(tag);

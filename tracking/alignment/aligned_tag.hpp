@@ -29,6 +29,10 @@ struct AlignedTag {
   TagPattern pattern;
   Eigen::Isometry3d T_map_tag = Eigen::Isometry3d::Identity();
   double cell_m = 0.0;
+  // The paper's height over the lattice [cells]: c[0] + (c[1] a^2 + 2 c[2] a b + c[3] b^2) / 2,
+  // with a and b from the tag's centre; all zero for flat paper.
+  std::array<float, 4> height{};
+  bool is_curved = false;
   int side = 0;  // lattice vertices per side
   // Lattice coordinates of the vertices; padded to a multiple of 16 with copies of the last vertex.
   std::vector<float> lattice_a, lattice_b;

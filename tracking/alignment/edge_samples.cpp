@@ -86,6 +86,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
     }
   }
   problem_.loops->prepare(problem_.lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
+  if (tag.is_curved) flatten(tag);
   if (tag.moments == 1) {
     attach(tag, s);
     return;
@@ -99,6 +100,16 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
     problem_.loops->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, s_k);
     attach(tag, s_k);
   }
+}
+
+void EdgeSampler::flatten(AlignedTag& tag) const {
+  simd::CurvedPaper paper;
+  std::ranges::copy(tag.height, paper.height);
+  paper.half = static_cast<float>(0.5 * (tag.side - 1));
+  for (int k = 0; k < 3; ++k) paper.camera[k] = static_cast<float>(tag.centre[k]);
+  std::ranges::copy(rows_of(tag.ray_from_lattice), paper.ray_from_lattice);
+  std::ranges::copy(tag.lattice_from_ray, paper.lattice_from_ray);
+  problem_.loops->flatten(paper, tag.reach, tag.side, tag.samples);
 }
 
 // Removes samples that mix with light from beside the tag at the start or end of the exposure.

@@ -55,6 +55,7 @@ class EdgeSampler {
   void allocate_samples(AlignedTag& tag, int capacity);
   void locate_samples(AlignedTag& tag) const;
   void finish_samples(AlignedTag& tag);
+  void flatten(AlignedTag& tag) const;
   void remove_samples_near_outline(AlignedTag& tag) const;
   void attach(const AlignedTag& tag, const simd::Samples& samples) const;
   void evaluate(AlignedTag& tag) const;

@@ -20,6 +20,13 @@ struct Sheet {
   Transform<frame::Table, frame::Tag> T_table_tag;
   std::string group;
   double cell_m = 0.0;
+  double size_m = 0.0;
+  TagCurvature curvature;
+
+  // Returns the height of the paper over the tag's plane at a point from the tag's centre [cells].
+  [[nodiscard]] double height(const Eigen::Vector2d& from_centre) const {
+    return curvature.height(from_centre.x() * cell_m, from_centre.y() * cell_m, size_m) / cell_m;
+  }
 };
 
 // One tag as viewed from one camera pose.
@@ -27,6 +34,21 @@ struct View {
   // (A, B, S) = matrix * (x, y, 1); a = A / S, b = B / S, depth = 1 / S.
   Eigen::Matrix3d lattice_from_ray;
   Eigen::AlignedBox2d box;  // pixels that the tag may cover
+  Eigen::Vector3d camera;   // camera centre, lattice frame [cells]
+
+  // Returns the point of the paper on the ray through the point `ab` of the lattice.
+  [[nodiscard]] Eigen::Vector2d on_paper(const Sheet& sheet, const Eigen::Vector2d& ab) const {
+    if (sheet.curvature.is_flat()) return ab;
+    constexpr int kIterations =
+        12;  // each reduces the error by the slope of the paper over the ray's
+    const double half = 0.5 * sheet.pattern.total_width();
+    Eigen::Vector2d point = ab;
+    for (int i = 0; i < kIterations; ++i) {
+      const double height = sheet.height(point - Eigen::Vector2d(half, half));
+      point = ab - height / camera.z() * (ab - camera.head<2>());
+    }
+    return point;
+  }
 };
 
 // Returns the fractional part of k * step; an irrational step fills [0, 1) evenly.
@@ -153,6 +175,8 @@ struct PatternRenderer::Impl {
         T_camera_tag.translation() - half * sheet.cell_m * (R.col(0) + R.col(1));
     View view;
     view.lattice_from_ray = ray_from_lattice.inverse();
+    view.camera = -(R.transpose() * T_camera_tag.translation()) / sheet.cell_m +
+                  Eigen::Vector3d(half, half, 0.0);
     // Samples the outline, which is curved by distortion.
     const Eigen::AlignedBox2d image(Eigen::Vector2d::Zero(),
                                     Eigen::Vector2d(camera.width(), camera.height()));
@@ -189,7 +213,8 @@ Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,
   for (const MappedTag& tag : tags) {
     PENUMBRA_TRY(TagPattern pattern, TagPattern::make(tag.family, tag.id));
     const double cell_m = tag.size_m / pattern.width_at_border();
-    impl->sheets.push_back({std::move(pattern), tag.T_table_tag, tag.group, cell_m});
+    impl->sheets.push_back(
+        {std::move(pattern), tag.T_table_tag, tag.group, cell_m, tag.size_m, tag.curvature});
   }
   impl->rays.resize(static_cast<std::size_t>(camera.width()) *
                     static_cast<std::size_t>(camera.height()));
@@ -258,9 +283,11 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       if (!view) continue;
       const Eigen::Vector3d h = view->lattice_from_ray * Eigen::Vector3d(xy.x(), xy.y(), 1.0);
       if (h.z() <= nearest) continue;
-      const double a = h.x() / h.z();
-      const double b = h.y() / h.z();
-      const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
+      const Sheet& sheet = impl_->sheets[static_cast<std::size_t>(k)];
+      const Eigen::Vector2d ab = view->on_paper(sheet, h.head<2>() / h.z());
+      const double a = ab.x();
+      const double b = ab.y();
+      const TagPattern& pattern = sheet.pattern;
       const double size = pattern.total_width();
       if (!(a >= 0.0 && b >= 0.0 && a < size && b < size)) continue;
       nearest = h.z();
@@ -274,8 +301,11 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   // Returns the light of a pixel if all sub-samples certainly have the same light, else nullopt.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
     if (options.covered_fraction > 0.0) return std::nullopt;
-    const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
+    const Sheet& sheet = impl_->sheets[static_cast<std::size_t>(k)];
+    const TagPattern& pattern = sheet.pattern;
     const double size = pattern.total_width();
+    // The paper's slope changes the density of pixels on it.
+    const double margin = sheet.curvature.is_flat() ? 1.2 : 2.0;
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     Eigen::Vector2d low = Eigen::Vector2d::Constant(kInfinity);
     Eigen::Vector2d high = -low;
@@ -293,9 +323,10 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       const Eigen::Matrix2d d_ab_d_pixel = (view->lattice_from_ray.topLeftCorner<2, 2>() -
                                             ab * view->lattice_from_ray.bottomLeftCorner<1, 2>()) /
                                            h.z() * ray.d_xy_d_pixel;
-      const Eigen::Vector2d reach = 1.2 * reach_px * d_ab_d_pixel.rowwise().norm();
-      low = low.cwiseMin(ab - reach);
-      high = high.cwiseMax(ab + reach);
+      const Eigen::Vector2d reach = margin * reach_px * d_ab_d_pixel.rowwise().norm();
+      const Eigen::Vector2d point = view->on_paper(sheet, ab);
+      low = low.cwiseMin(point - reach);
+      high = high.cwiseMax(point + reach);
     }
     const bool beside = !(high.minCoeff() >= 0.0 && low.maxCoeff() < size);
     if (beside) return options.background;

@@ -195,6 +195,53 @@ TEST(SimdLoops, AnchorFindsSameVerticesAsPrepare) {
   }
 }
 
+// The flattened ray must meet the lattice where the given ray meets the curved paper.
+TEST(SimdLoops, FlattenFindsPointsOfCurvedPaper) {
+  const Eigen::Isometry3d T = lattice_pose();
+  AccumulateInput in;
+  set_pose(T, in);
+  simd::CurvedPaper paper;
+  paper.height[0] = -0.1F;
+  paper.height[1] = 0.02F;
+  paper.height[2] = -0.01F;
+  paper.height[3] = 0.015F;
+  paper.half = 5.0F;
+  std::ranges::copy(in.centre, paper.camera);
+  std::ranges::copy(in.lattice_from_ray, paper.lattice_from_ray);
+  for (int r = 0; r < 3; ++r) {
+    const Eigen::Vector3d row(T.linear()(r, 0), T.linear()(r, 1), T.translation()[r]);
+    for (int c = 0; c < 3; ++c) paper.ray_from_lattice[3 * r + c] = static_cast<float>(row[c]);
+  }
+  const Eigen::Vector3d camera = T.inverse().translation();
+  const auto lattice_point = [&](float x, float y) {
+    const Eigen::Vector3d direction = T.linear().transpose() * Eigen::Vector3d(x, y, 1.0);
+    const Eigen::Vector3d p = camera - camera.z() / direction.z() * direction;
+    return Eigen::Vector2d(p.x(), p.y());
+  };
+  for (const Loops* variant : variants()) {
+    for (const int reach : {1, 2, 3}) {
+      const SampleSet given = random_samples(simd::kBlock, T, 0.0F);
+      SampleSet set = random_samples(simd::kBlock, T, 0.0F);
+      variant->flatten(paper, reach, 11, set.s);
+      for (int i = 0; i < set.s.count; ++i) {
+        const Eigen::Vector2d point = lattice_point(set.s.ray_x[i], set.s.ray_y[i]);
+        const Eigen::Vector2d d = point - Eigen::Vector2d(5.0, 5.0);
+        const double height =
+            -0.1 + 0.5 * (0.02 * d.x() * d.x() - 0.02 * d.x() * d.y() + 0.015 * d.y() * d.y());
+        const Eigen::Vector3d on_paper = T * Eigen::Vector3d(point.x(), point.y(), height);
+        // The height is taken at the ray's point on the plane, which is up to 0.2 cells away.
+        EXPECT_NEAR(on_paper.x() / on_paper.z(), given.s.ray_x[i], 0.02 / 50.0) << variant->name;
+        EXPECT_NEAR(on_paper.y() / on_paper.z(), given.s.ray_y[i], 0.02 / 50.0) << variant->name;
+        const double shift = reach == 2 ? 0.5 : 0.0;
+        EXPECT_NEAR(set.s.va[i], point.x() - shift, 0.5 + 1e-4) << variant->name;
+        EXPECT_NEAR(set.s.vb[i], point.y() - shift, 0.5 + 1e-4) << variant->name;
+        EXPECT_EQ(set.vertex[static_cast<std::size_t>(i)],
+                  static_cast<int>(set.s.vb[i]) * 11 + static_cast<int>(set.s.va[i]));
+      }
+    }
+  }
+}
+
 // The model value over several moments must be the mean of the values at single moments.
 TEST(SimdLoops, EvaluateOfSeveralMomentsIsMeanOfEachMoment) {
   const Eigen::Isometry3d T = lattice_pose();

@@ -205,6 +205,17 @@ struct LeverageInput {
   float inverse_limit = 0.0F;  // 1 / cutoff of Tukey's weights [1 / fraction of the gain]
 };
 
+// Curved paper over a tag's lattice; see docs/tracking.md#the-stages.
+struct CurvedPaper {
+  // Height [cells]: c[0] + (c[1] a^2 + 2 c[2] a b + c[3] b^2) / 2, with a and b from the tag's
+  // centre.
+  float height[4] = {};
+  float half = 0.0F;     // lattice coordinate of the tag's centre
+  float camera[3] = {};  // camera centre, lattice frame [cells]
+  float ray_from_lattice[9] = {};
+  float lattice_from_ray[9] = {};
+};
+
 struct Loops {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
@@ -228,6 +239,8 @@ struct Loops {
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // Recomputes the anchors from the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
+  // Replaces rays to curved paper by rays to the same points of the flat pattern; sets the anchors.
+  void (*flatten)(const CurvedPaper& paper, int reach, int side, const Samples& samples);
   void (*marginalise)(TagPack* packs, int count);
   // Computes the changes of the tags by a step.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);

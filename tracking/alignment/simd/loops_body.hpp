@@ -25,10 +25,24 @@ namespace {
 }  // namespace
 
 extern const Loops kLoops;
-const Loops kLoops = {
-    PENUMBRA_SIMD_NAME, project, walk,        measure_runs, walk_runs, read,     prepare, attach,
-    accumulate,         anchor,  marginalise, follow,       evaluate,  leverage, search,  add,
-    cell_pixels};
+const Loops kLoops = {PENUMBRA_SIMD_NAME,
+                      project,
+                      walk,
+                      measure_runs,
+                      walk_runs,
+                      read,
+                      prepare,
+                      attach,
+                      accumulate,
+                      anchor,
+                      flatten,
+                      marginalise,
+                      follow,
+                      evaluate,
+                      leverage,
+                      search,
+                      add,
+                      cell_pixels};
 
 }  // namespace penumbra::simd::PENUMBRA_SIMD
 

@@ -105,6 +105,40 @@ void anchor(const float* M_in, int reach, int side, const Samples& samples) {
   }
 }
 
+void flatten(const CurvedPaper& paper, int reach, int side, const Samples& samples) {
+  // Copies: stores to the arrays can't change them.
+  const Samples s = samples;
+  const LatticeFromRay lattice(paper.lattice_from_ray);
+  const LatticeFromRay ray(paper.ray_from_lattice);  // the same mapping with the inverse matrix
+  const Wide last = wide(static_cast<float>(side - 1));
+  const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
+  const float half = paper.half;
+  const float c0 = paper.height[0];
+  const float c1 = 0.5F * paper.height[1];
+  const float c2 = paper.height[2];
+  const float c3 = 0.5F * paper.height[3];
+  const float camera_a = paper.camera[0];
+  const float camera_b = paper.camera[1];
+  const float inverse_cz = 1.0F / paper.camera[2];
+#pragma GCC unroll 1
+  for (int i = 0; i < s.count; i += kWide) {
+    Wide a;
+    Wide b;
+    lattice.map(load(s.ray_x + i), load(s.ray_y + i), a, b);
+    const Wide da = a - half;
+    const Wide db = b - half;
+    const Wide share = (c0 + da * (c1 * da + c2 * db) + c3 * db * db) * inverse_cz;
+    a -= (a - camera_a) * share;
+    b -= (b - camera_b) * share;
+    Wide x;
+    Wide y;
+    ray.map(a, b, x, y);
+    store(s.ray_x + i, x);
+    store(s.ray_y + i, y);
+    store_anchor(a - anchor_shift, b - anchor_shift, last, side, s, i);
+  }
+}
+
 // Gathers ka, kb and the coefficients of each anchor; transposes the coefficients into four arrays.
 void attach(const float* ka, const float* kb, const float* coefficients, const Samples& s) {
 #if defined(__AVX2__)
