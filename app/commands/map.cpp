@@ -1,5 +1,6 @@
 // penumbra map: surveys the tags in a recording and writes their tags.yaml.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -57,6 +58,24 @@ Result<void> for_each_luma(const MapOptions& options, const Recording& recording
   }
 }
 
+// Returns the largest change of a tag's height by its curvature [m].
+double largest_height_change(const TagSurvey& before, const TagSurvey& after) {
+  double largest_m = 0.0;
+  for (const SurveyedTag& tag : after.tags) {
+    const auto same = std::ranges::find(before.tags, tag.tag.id,
+                                        [](const SurveyedTag& other) { return other.tag.id; });
+    if (same == before.tags.end()) continue;
+    const double half_m = 0.5 * tag.tag.size_m;
+    for (const auto& [x, y] : {std::pair(0.0, 0.0), std::pair(half_m, half_m),
+                               std::pair(half_m, 0.0), std::pair(0.0, half_m)}) {
+      const double change = tag.tag.curvature.height(x, y, tag.tag.size_m) -
+                            same->tag.curvature.height(x, y, tag.tag.size_m);
+      largest_m = std::max(largest_m, std::abs(change));
+    }
+  }
+  return largest_m;
+}
+
 std::vector<int> ids_of(const TagSurvey& survey) {
   std::vector<int> ids;
   for (const SurveyedTag& tag : survey.tags) ids.push_back(tag.tag.id);
@@ -75,6 +94,12 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
   }
   fmt::print("{} tag{} from {} frames, residual {:.3f} px\n", survey.tags.size(),
              survey.tags.size() == 1 ? "" : "s", survey.frames_used, survey.rms_px);
+  fmt::print("paper: {}", survey.is_curved ? "curved (surface)" : "each tag is flat");
+  if (survey.tags_on_plane >= 3) {
+    fmt::print("; the corners are {:.2f} mm off the table's plane (RMS), at most {:.2f} mm",
+               survey.corner_height_m * 1e3, survey.max_corner_height_m * 1e3);
+  }
+  fmt::print("\n");
   if (survey.tags_on_plane >= 3) {
     fmt::print(
         "table: plane fitted to {} tags, residual {:.2f} mm (RMS); the plane of tag {} alone is "
@@ -94,7 +119,10 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
         std::sqrt(survey.lens_covariance(1, 1)), difference.mean_px,
         options.refined_camera.string());
   }
-  fmt::print("tags: {}\n", options.output.string());
+  fmt::print("tags: {}{}\n", options.output.string(),
+             survey.left_out.empty() ? ""
+                                     : fmt::format(" ({} tags; {} rejected)", survey.tags.size(),
+                                                   survey.left_out.size()));
 }
 
 Result<ExitCode> run_map(const MapOptions& options) {
@@ -135,18 +163,21 @@ Result<ExitCode> run_map(const MapOptions& options) {
     return result;
   };
   PENUMBRA_TRY(auto result, survey_all());
-  // Edges are measured at the surveyed tag positions. A rejected tag changes these, so the edges
-  // are measured again.
-  constexpr int kMaxRounds = 3;
+  // Edges are measured at the surveyed tag positions, on paper with the surveyed curvature. If a
+  // tag is rejected or the curvature changes, the edges are measured again.
+  constexpr int kMaxRounds = 4;
+  constexpr double kMaxHeightChange_m = 2e-5;  // below the accuracy of edges
   for (int round = 0; round < kMaxRounds; ++round) {
-    const std::vector<int> ids_before = ids_of(result);
+    const TagSurvey before = result;
     PENUMBRA_TRY_VOID(for_each_luma(
         options, recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
           if (index < frames.size())
             frames[index] = measured_frame(result, index, frames[index], luma);
         }));
     PENUMBRA_TRY(result, survey_all());
-    if (ids_of(result) == ids_before) break;
+    if (ids_of(result) == ids_of(before) &&
+        largest_height_change(before, result) < kMaxHeightChange_m)
+      break;
   }
   if (auto saved = save_tag_survey(output.partial(), result); !saved)
     return output.failed(saved.error());
@@ -166,7 +197,8 @@ Result<ExitCode> run_map(const MapOptions& options) {
 void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
       program, "map", "Measure the poses of loose tags from a recording that sweeps over them",
-      "Show every tag together with others, from several sides.\n"
+      "In the recording, show every tag together with others, from several sides. --tag-size or "
+      "--sizes is required.\n"
       "\n"
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");

@@ -88,7 +88,7 @@ FrameCorners TagCornerMeter::measure(ImageView luma, const MapFromCamera& pose,
     const double time_s = (centre->y() - 0.5 * (camera.height() - 1)) * row_s;
     const CameraPose at_row = as_table_pose(perturbed(aligned.T_map_camera, time_s * velocity));
     const std::optional<MeasuredTag> measured = measure_tag(
-        luma, camera, single.pattern, single.tag.size_m, at_row.inverse() * single.tag.T_table_tag);
+        luma, camera, single.pattern, single.tag, at_row.inverse() * single.tag.T_table_tag);
     if (!measured) continue;
     result.tags.push_back({k, measured->corners_px, std::sqrt(measured->covariance.trace() / 8.0)});
   }

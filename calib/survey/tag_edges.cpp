@@ -26,6 +26,7 @@ struct EdgeSample {
   double polarity = 0.0;      // 1: the grey level rises along the normal; -1: it falls
   double search_range = 0.0;  // search range along the normal [px], at most half a cell
   Row row;                    // d offset along the normal / d unknowns
+  Eigen::Vector3d by_curvature = Eigen::Vector3d::Zero();  // d offset / d (xx, xy, yy) [px m]
 };
 
 // Returns d pixel / d homography (8 parameters) at the point `on_tag`. `on_tag`, `pixel` and
@@ -42,24 +43,25 @@ Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& on_tag,
 
 class TagFit {
  public:
-  TagFit(const CameraModel& camera, const TagPattern& pattern, double size_m,
+  TagFit(const CameraModel& camera, const TagPattern& pattern, const MappedTag& tag,
          const Transform<frame::Camera, frame::Tag>& T_camera_tag)
       : camera_(camera),
         T_(T_camera_tag),
-        cell_m_(size_m / pattern.width_at_border()),
-        half_m_(0.5 * size_m),
+        curvature_(tag.curvature),
+        cell_m_(tag.size_m / pattern.width_at_border()),
+        half_m_(0.5 * tag.size_m),
         total_(pattern.total_width()) {}
 
   // Returns false if an edge is outside the image or the cells are too narrow.
   bool place_samples(const TagPattern& pattern) {
-    const auto centre = project({0.0, 0.0});
+    const auto centre = project({0.0, 0.0}, 0.0);
     if (!centre) return false;
     centre_px_ = *centre;
     depth_m_ = (T_ * Eigen::Vector3d::Zero()).z();
     constexpr std::array<std::array<int, 2>, 4> kCorners = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
     for (std::size_t i = 0; i < 4; ++i) {
       corners_m_[i] = {kCorners[i][0] * half_m_, kCorners[i][1] * half_m_};
-      const auto pixel = project(corners_m_[i]);
+      const auto pixel = project(corners_m_[i], 0.0);
       if (!pixel) return false;
       corners_px_[i] = *pixel;
       radius_px_ = std::max(radius_px_, (*pixel - centre_px_).norm());
@@ -75,6 +77,9 @@ class TagFit {
     for (int round = 0; round < kRounds; ++round) {
       Normal A = Normal::Zero();
       Row rhs = Row::Zero();
+      Eigen::Matrix<double, kUnknowns, 3> coupling = Eigen::Matrix<double, kUnknowns, 3>::Zero();
+      Eigen::Matrix3d curvature_normal = Eigen::Matrix3d::Zero();
+      Eigen::Vector3d curvature_rhs = Eigen::Vector3d::Zero();
       double sum = 0.0;
       double weights = 0.0;
       std::size_t found = 0;
@@ -91,6 +96,9 @@ class TagFit {
         const double weight = round == 0 ? 1.0 : 1.0 / (1.0 + std::pow(error / (3.0 * noise_), 2));
         A += weight * sample.row * sample.row.transpose();
         rhs += weight * offset * sample.row;
+        coupling += weight * sample.row * sample.by_curvature.transpose();
+        curvature_normal += weight * sample.by_curvature * sample.by_curvature.transpose();
+        curvature_rhs += weight * offset * sample.by_curvature;
         sum += weight * error * error;
         weights += weight;
       }
@@ -100,9 +108,16 @@ class TagFit {
       const Eigen::LDLT<Normal> factor(A);
       x_ = factor.solve(rhs);
       if (factor.info() != Eigen::Success || !x_.allFinite()) return false;
-      if (round == kRounds - 1) covariance_ = noise_ * noise_ * factor.solve(Normal::Identity());
+      if (round < kRounds - 1) continue;
+      covariance_ = noise_ * noise_ * factor.solve(Normal::Identity());
+      const Eigen::Matrix<double, kUnknowns, 3> across = factor.solve(coupling);
+      const double information = 1.0 / (noise_ * noise_);
+      equations_.information = information * (curvature_normal - coupling.transpose() * across);
+      equations_.gradient = information * (curvature_rhs - across.transpose() * rhs);
+      equations_.assumed = curvature_;
     }
-    return noise_ < kMaxNoise_px && covariance_.allFinite();
+    return noise_ < kMaxNoise_px && covariance_.allFinite() && equations_.information.allFinite() &&
+           equations_.gradient.allFinite();
   }
 
   [[nodiscard]] MeasuredTag result() const {
@@ -115,12 +130,18 @@ class TagFit {
     }
     tag.covariance = J * covariance_.topLeftCorner<8, 8>() * J.transpose();
     tag.edge_shift_px = x_.tail<2>();
+    tag.curvature = equations_;
     return tag;
   }
 
  private:
+  [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector2d& on_tag,
+                                                       double height_m) const {
+    return camera_.project(T_ * Eigen::Vector3d(on_tag.x(), on_tag.y(), height_m));
+  }
+  // Projects a point of the curved paper.
   [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector2d& on_tag) const {
-    return camera_.project(T_ * Eigen::Vector3d(on_tag.x(), on_tag.y(), 0.0));
+    return project(on_tag, curvature_.height(on_tag.x(), on_tag.y(), 2.0 * half_m_));
   }
 
   [[nodiscard]] Eigen::Matrix<double, 2, 8> basis_at(const Eigen::Vector2d& on_tag,
@@ -153,7 +174,9 @@ class TagFit {
       const auto pixel = project(point);
       const auto next = project(point + step * along);
       const auto beside = project(point + step * across);
-      if (!pixel || !next || !beside) return false;
+      const double height_m = curvature_.height(point.x(), point.y(), 2.0 * half_m_);
+      const auto above = project(point, height_m + step);
+      if (!pixel || !next || !beside || !above) return false;
       const Eigen::Vector2d tangent = *next - *pixel;
       EdgeSample sample;
       sample.pixel = *pixel;
@@ -164,6 +187,11 @@ class TagFit {
       sample.search_range = std::min(0.5 * width_px, 3.5);
       sample.polarity = run.polarity;
       sample.row.head<8>() = basis_at(point, *pixel).transpose() * sample.normal;
+      const double by_height = sample.normal.dot(*above - *pixel) / step;
+      sample.by_curvature =
+          by_height * Eigen::Vector3d(0.5 * (point.x() * point.x() - half_m_ * half_m_),
+                                      point.x() * point.y(),
+                                      0.5 * (point.y() * point.y() - half_m_ * half_m_));
       sample.row[8] = run.vertical ? run.polarity : 0.0;
       sample.row[9] = run.vertical ? 0.0 : run.polarity;
       samples_.push_back(sample);
@@ -173,6 +201,7 @@ class TagFit {
 
   const CameraModel& camera_;
   Transform<frame::Camera, frame::Tag> T_;
+  TagCurvature curvature_;
   double cell_m_;
   double half_m_;
   double total_;
@@ -185,14 +214,15 @@ class TagFit {
   Row x_ = Row::Zero();
   double noise_ = 0.3;
   Normal covariance_ = Normal::Zero();
+  CurvatureEquations equations_;
 };
 
 }  // namespace
 
 std::optional<MeasuredTag> measure_tag(ImageView luma, const CameraModel& camera,
-                                       const TagPattern& pattern, double size_m,
+                                       const TagPattern& pattern, const MappedTag& tag,
                                        const Transform<frame::Camera, frame::Tag>& T_camera_tag) {
-  TagFit fit(camera, pattern, size_m, T_camera_tag);
+  TagFit fit(camera, pattern, tag, T_camera_tag);
   if (!fit.place_samples(pattern) || !fit.solve(luma)) return std::nullopt;
   return fit.result();
 }

@@ -64,9 +64,14 @@ struct TagSurvey {
   double covariance_inflation = 1.0;  // factor for correlated errors of neighbouring frames
   int tags_on_plane = 0;              // tags in the plane z = 0
   double flatness_m = 0.0;            // RMS height of the centres of these tags
-  double plane_tilt_rad = 0.0;        // angle between the plane and the anchor
-  CameraModel camera;                 // given or refined lens
-  Eigen::MatrixXd lens_covariance;    // as in CalibrationSolution
+  // RMS and maximum height over that plane of the corners of these tags, with their curvature [m].
+  double corner_height_m = 0.0;
+  double max_corner_height_m = 0.0;
+  // The paper is curved (docs/calibration.md#curved-paper); `tags` have their curvatures.
+  bool is_curved = false;
+  double plane_tilt_rad = 0.0;      // angle between the plane and the anchor
+  CameraModel camera;               // given or refined lens
+  Eigen::MatrixXd lens_covariance;  // as in CalibrationSolution
 };
 
 // Tags of one frame: detections and, if available, edge measurements.

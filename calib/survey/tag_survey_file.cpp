@@ -11,16 +11,21 @@ Result<void> save_tag_survey(const std::filesystem::path& file, const TagSurvey&
       "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
       "of\n# the paper. size_m: edge of the black border's outer square. position, "
       "quaternion_xyzw: the tag\n# frame in the table frame. covariance: of [position; rotation] "
-      "about table axes [m, rad], row by\n# row.\ntags:\n";
+      "about table axes [m, rad], row by\n# row. surface: curvatures [xx, xy, yy] of the paper in "
+      "the tag frame [1/m].\ntags:\n";
   for (const SurveyedTag& tag : survey.tags) {
     const Eigen::Vector3d& p = tag.tag.T_table_tag.translation();
     const Eigen::Quaterniond& q = tag.tag.T_table_tag.rotation();
     const Eigen::Matrix<double, 6, 6, Eigen::RowMajor> covariance = tag.covariance;
+    const TagCurvature& c = tag.tag.curvature;
+    const std::string curved =
+        c.is_flat() ? ""
+                    : fmt::format("\n     surface: [{:.6g}, {:.6g}, {:.6g}],", c.xx, c.xy, c.yy);
     text += fmt::format(
         "  - {{id: {}, family: {}, size_m: {}, position: [{}, {}, {}], "
-        "quaternion_xyzw: [{}, {}, {}, {}],\n     covariance: [{}]}}\n",
+        "quaternion_xyzw: [{}, {}, {}, {}],{}\n     covariance: [{}]}}\n",
         tag.tag.id, to_string(tag.tag.family), tag.tag.size_m, p.x(), p.y(), p.z(), q.x(), q.y(),
-        q.z(), q.w(),
+        q.z(), q.w(), curved,
         joined({covariance.data(), static_cast<std::size_t>(covariance.size())}, "{:.6g}"));
   }
   return write_text_file(file, text);

@@ -123,6 +123,12 @@ Result<Target> tag_target(TagMap map) {
   double largest = 0.0;
   for (const MappedTag& tag : map.tags()) {
     PENUMBRA_TRY_VOID(check_length(tag.size_m, fmt::format("size_m of tag {}", tag.id)));
+    if (!tag.curvature.is_flat()) {
+      return fail(
+          "surface of tag {}: a target must be flat; glue the sheet to a board, and name the "
+          "tags.yaml that was printed with it",
+          tag.id);
+    }
     const int first = static_cast<int>(target.points.size());
     for (const Eigen::Vector3d& corner : tag.corners()) target.points.push_back(corner);
     for (int i = 0; i < 4; ++i) target.edges.emplace_back(first + i, first + (i + 1) % 4);

@@ -42,7 +42,7 @@ class TagEdges : public testing::Test {
       for (const MappedTag& tag : board) {
         const TagPattern pattern = TagPattern::make(tag.family, tag.id).value();
         const auto measured =
-            measure_tag(image.view(), camera, pattern, tag.size_m, predicted * tag.T_table_tag);
+            measure_tag(image.view(), camera, pattern, tag, predicted * tag.T_table_tag);
         if (!measured) continue;
         Eigen::Matrix<double, 8, 1> e;
         std::array<Eigen::Vector2d, 4> truth;
@@ -98,6 +98,49 @@ TEST_F(TagEdges, PropagateNoiseToCovariance) {
   EXPECT_GE(errors.tags, 34);
   EXPECT_GT(errors.chi2, 0.3);
   EXPECT_LT(errors.chi2, 3.0);
+}
+
+// Sums the equations of views from all sides, as a survey does.
+TEST_F(TagEdges, DetermineCurvatureOfPaper) {
+  const CameraModel camera = test::wide_camera();
+  auto board = test::board(3, 2, 0.06);
+  for (std::size_t i = 0; i < board.size(); ++i)
+    board[i].curvature = {i % 2 == 0 ? 1.5 : -1.0, i % 3 == 0 ? 0.6 : -0.3, i < 3 ? 0.0 : 0.8};
+  PatternRenderer renderer = PatternRenderer::create(camera, board).value();
+  std::vector<MappedTag> assumed = test::board(3, 2, 0.06);
+  constexpr int kRounds = 2;  // the second is linearised at the first's result
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<Eigen::Matrix3d> information(board.size(), Eigen::Matrix3d::Zero());
+    std::vector<Eigen::Vector3d> gradient(board.size(), Eigen::Vector3d::Zero());
+    for (int k = 0; k < 6; ++k) {
+      const CameraPose pose = test::looking_at({0.0, 0.0, 0.0}, 0.55, radians(40.0 + 5.0 * k),
+                                               radians(75.0 * k), radians(9.0 * k));
+      PatternRenderOptions options;
+      options.noise_grey = 2.0;
+      options.samples = 48;
+      options.seed = static_cast<std::uint64_t>(k) + 1;
+      const GreyImage image = renderer.render(std::array{pose}, options);
+      for (std::size_t i = 0; i < board.size(); ++i) {
+        const TagPattern pattern = TagPattern::make(board[i].family, board[i].id).value();
+        const auto measured = measure_tag(image.view(), camera, pattern, assumed[i],
+                                          pose.inverse() * board[i].T_table_tag);
+        ASSERT_TRUE(measured);
+        information[i] += measured->curvature.information;
+        gradient[i] += measured->curvature.gradient;
+      }
+    }
+    for (std::size_t i = 0; i < board.size(); ++i) {
+      const Eigen::Vector3d change = information[i].ldlt().solve(gradient[i]);
+      TagCurvature& c = assumed[i].curvature;
+      c = {c.xx + change.x(), c.xy + change.y(), c.yy + change.z()};
+    }
+  }
+  for (std::size_t i = 0; i < board.size(); ++i) {
+    // 0.05 1/m is a height of 0.02 mm on this tag.
+    EXPECT_NEAR(assumed[i].curvature.xx, board[i].curvature.xx, 0.05) << i;
+    EXPECT_NEAR(assumed[i].curvature.xy, board[i].curvature.xy, 0.05) << i;
+    EXPECT_NEAR(assumed[i].curvature.yy, board[i].curvature.yy, 0.05) << i;
+  }
 }
 
 TEST_F(TagEdges, AreNotMeasuredOnNarrowCellsOrHiddenTags) {
