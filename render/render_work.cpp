@@ -32,7 +32,7 @@ constexpr auto kSkipTable = std::to_array<ReasonEntry>({
     {"shadow_misses_phantoms", Subject::object, "{0}: its shadow meets no phantom"},
     {"shadow_misses_objects", Subject::object, "{0}: its shadow meets no other object"},
     {"receiver_blends", Subject::object, "{0}: shadows do not fall on what blends"},
-    {"no_light", Subject::node, "{0}: the scene has no light"},
+    {"no_light", Subject::node, "{0}: the scene has no light; add one to \"lights\""},
     {"light_below_plane", Subject::light, "{0}: in or under the plane"},
     {"too_many_lights", Subject::light, "{0}: one light too many for the plane"},
     {"volume_out_of_view", Subject::object, "{0}: its shadow volume is outside the view"},

@@ -198,10 +198,10 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       },
       "auto: reduced models of the scene cast where exact enough; none: objects cast themselves")
       ->default_str("auto");
-  add_word_option(command, "--translucency", kTranslucencyNames, "way", plan.translucency,
-                  "How the video shines through; auto: the first that works")
+  add_word_option(command, "--translucency", kTranslucencyNames, "mode", plan.translucency,
+                  "How shadows darken the video; auto: the first that works")
       ->default_str("auto");
-  add_word_option(command, "--layers", kLayerDrawingNames, "way", plan.layers,
+  add_word_option(command, "--layers", kLayerDrawingNames, "mode", plan.layers,
                   "direct: layers drawn face by face; mask: one mask per plane; auto: by cost")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
@@ -306,7 +306,7 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   start_group(command, "Tracking");
-  add_word_option(command, "--tracking", kTrackingModeNames, "way", tracking.mode,
+  add_word_option(command, "--tracking", kTrackingModeNames, "mode", tracking.mode,
                   "auto: fast while the view moves, else accurate; detect: no alignment")
       ->default_str("auto");
   const auto set_budget = [&tracking](double px) {
@@ -318,11 +318,11 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   command
       .add_option_function<double>(
           "--pose-budget", set_budget,
-          "Stop sampling pixels when their noise moves the overlay by less than this (prediction)")
+          "Use fewer pixels while the predicted overlay error stays below this")
       ->type_name("PX");
   command.add_flag_callback(
       "--no-background-search", [&tracking] { tracking.search_timing = SearchTiming::in_frame; },
-      "Search for lost groups of tags within the frame, which then waits for it");
+      "Search for lost tags within the frame, not in a thread: frames take longer");
 }
 
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
@@ -411,7 +411,7 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
                                   "Tracked poses, as a TUM file; - is standard output");
   command
       .add_flag("--poses-all", request.poses_all,
-                "Uncertain and held poses too, each after a comment")
+                "Uncertain and held poses too, each after a line with its state")
       ->needs(poses);
   add_option(command, "--group-poses", "FOLDER", request.group_poses,
              "Poses (T_table_group) of the tag groups beside the table: NAME.tum of each");

@@ -26,7 +26,7 @@ CLI::Validator within(double low, double high) {
         if (value && *value >= low && *value <= high) return std::string();
         return fmt::format("{}: is not a number from {} to {}", text, low, high);
       },
-      fmt::format("{} to {}", low, high));
+      "");
 }
 
 // Accepts whole numbers from 0. CLI11 would read "-1" as the largest unsigned number.
@@ -37,7 +37,7 @@ CLI::Validator whole_number() {
         if (value && *value >= 0) return std::string();
         return fmt::format("{}: is not a whole number from 0", text);
       },
-      "N");
+      "");
 }
 
 // Adds the groups given as NAME=FILE.tum to the request.

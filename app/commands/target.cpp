@@ -183,11 +183,12 @@ void print_target(const TargetOptions& options, const ChosenSheet& target,
   fmt::print("sheet: {}\n{}: {}\n", options.output.string(),
              options.type == "tags" ? "tags" : "target", target.tags.string());
   if (options.measured_mm) {
-    fmt::print("ruler: {:g} mm on paper{}: lengths are {:.3f} % of those on the sheet\n",
-               measured_mm,
-               before && *before != measured_mm ? fmt::format(" (before: {:g} mm)", *before)
-                                                : std::string(),
-               100.0 * measured_mm / kRulerMm);
+    fmt::print(
+        "ruler: {:g} mm on paper{}: the lengths in the file are {:.3f} % of those in the sheet\n",
+        measured_mm,
+        before && *before != measured_mm ? fmt::format(" (before: {:g} mm)", *before)
+                                         : std::string(),
+        100.0 * measured_mm / kRulerMm);
   } else {
     fmt::print(
         "Print at 100 %. Measure the ruler: if it is not 100 mm, give its length with --measured "

@@ -44,6 +44,10 @@ std::string size_mismatch(const CameraRequest& request, const StreamFormat& form
 
 Result<CameraAddress> parse_camera(const std::string& source) {
   using Kind = CameraAddress::Kind;
+  std::error_code ignored;
+  if (std::filesystem::is_directory(source, ignored)) {
+    return fail("--camera {0}: is a folder; to play a recording, give recording:{0}", source);
+  }
   if (source.starts_with('/')) return CameraAddress{Kind::v4l2, source};
   for (const auto& [prefix, kind] : kCameraKinds) {
     if (source.starts_with(prefix) && source.size() > prefix.size()) {

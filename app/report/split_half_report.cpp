@@ -178,7 +178,11 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
         "it\n",
         causes.overlay_px, causes.overlay_sigma_px);
   }
-  if (!any) text += "no cause is significant: what is left is noise\n";
+  if (!any)
+    text +=
+        "no cause is significant: what is left looks like noise; the scale of the sheet as a whole "
+        "can't be "
+        "tested\n";
   return text;
 }
 

@@ -566,7 +566,8 @@ void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
       const std::string above = fmt::format("\"{}\" comes to {:.4g} m above \"{}\"",
                                             shortened(object.name), top, shortened(plane.name));
       if (top > max_casting_height) {
-        advise(from.place, fmt::format("{}; what is above {:.4g} m casts nothing; raise the light",
+        advise(from.place, fmt::format("{}; what is above {:.4g} m casts nothing; lower it, or "
+                                       "raise the light or workspace_height",
                                        above, max_casting_height));
       } else if (by_workspace && top > node.layered.umbra_height * (1.0 + 1e-6)) {
         advise(from.place,

@@ -92,8 +92,9 @@ TEST(CommandLine, KeepsHelpNarrowBriefAndGrouped) {
   }
 }
 
-// Returns the options that docs/usage.md documents for a command: in the tables of its own section,
-// and of the sections whose text before the table names it ("options of `replay` and `live`").
+// Returns the options that docs/usage.md documents for a command: in the tables of that command's
+// section, and of the sections whose text before the table names it ("options of `replay` and
+// `live`").
 std::set<std::string> documented_options(const std::string& command) {
   // Matches whole names, so that "--light-mode" does not count as "--light".
   static const std::regex option(R"(--[a-z]+(?:-[a-z]+)*)");

@@ -372,7 +372,7 @@ TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
   EXPECT_EQ(warnings(R"("position":[0,0,0.47])", light), "");
   EXPECT_THAT(warnings(R"("position":[0,0,0.48])", light),
               HasSubstr("comes to 0.53 m above \"table\"; what is above 0.525 m casts nothing; "
-                        "raise the light"));
+                        "lower it, or raise the light"));
 }
 
 TEST_F(SceneFile, WarnsOfMoreLightsThanPlaneSupports) {
