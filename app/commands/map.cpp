@@ -96,8 +96,10 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
              survey.tags.size() == 1 ? "" : "s", survey.frames_used, survey.rms_px);
   fmt::print("paper: {}", survey.is_curved ? "curved (surface)" : "each tag is flat");
   if (survey.tags_on_plane >= 3) {
-    fmt::print("; the corners are {:.2f} mm off the table's plane (RMS), at most {:.2f} mm",
-               survey.corner_height_m * 1e3, survey.max_corner_height_m * 1e3);
+    fmt::print(
+        "; the corners of the {} tags on the table's plane are {:.2f} mm off it (RMS), at most "
+        "{:.2f} mm",
+        survey.tags_on_plane, survey.corner_height_m * 1e3, survey.max_corner_height_m * 1e3);
   }
   fmt::print("\n");
   if (survey.tags_on_plane >= 3) {
@@ -214,7 +216,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--anchor", "ID", options->survey.anchor,
              "The tag that is the table's origin and gives its x axis")
       ->required()
-      ->check(CLI::Validator(CLI::NonNegativeNumber).description(""));
+      ->check(whole_number());
   add_option(command, "--family", "FAMILY", options->family, "Tag family")->capture_default_str();
   add_option(command, "--camera", "camera.yaml", options->camera,
              "Camera (default: the recording's)");

@@ -151,6 +151,16 @@ CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
       ->check(CLI::IsMember(words).description(""));
 }
 
+CLI::Validator whole_number() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const auto value = parse_integer(text);
+        if (value && *value >= 0) return std::string();
+        return fmt::format("{}: is not a whole number from 0", text);
+      },
+      "");
+}
+
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
                   const std::string& description) {
   command.add_flag_callback(

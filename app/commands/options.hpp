@@ -83,6 +83,8 @@ CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
 [[nodiscard]] inline CLI::Validator in_range(auto min_value, decltype(min_value) max_value) {
   return CLI::Range(min_value, max_value).description("");
 }
+// Returns a check for whole numbers from 0. CLI11 would read "-1" as the largest unsigned number.
+[[nodiscard]] CLI::Validator whole_number();
 // Adds an option whose text is passed to `set_value`, which may reject it with usage_error().
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
                              const std::function<void(const std::string&)>& set_value,

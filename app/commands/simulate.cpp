@@ -29,17 +29,6 @@ CLI::Validator within(double low, double high) {
       "");
 }
 
-// Accepts whole numbers from 0. CLI11 would read "-1" as the largest unsigned number.
-CLI::Validator whole_number() {
-  return CLI::Validator(
-      [](std::string& text) {
-        const auto value = parse_integer(text);
-        if (value && *value >= 0) return std::string();
-        return fmt::format("{}: is not a whole number from 0", text);
-      },
-      "");
-}
-
 // Adds the groups given as NAME=FILE.tum to the request.
 void add_groups(const std::vector<std::string>& given, SimulateRequest& request) {
   for (const std::string& text : given) {

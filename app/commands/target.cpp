@@ -250,7 +250,7 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}).description(""))
       ->default_str(options->type);
   add_option(command, "--first-id", "ID", options->first_id, "Id of the first tag")
-      ->check(CLI::Validator(CLI::NonNegativeNumber).description(""))
+      ->check(whole_number())
       ->capture_default_str();
   add_option(command, "--columns", "N", options->columns,
              "Tags, squares or inner corners across (tags: 4, aprilgrid: 6, charuco: 8, "
