@@ -533,10 +533,11 @@ void set_curvatures(TagSurvey& survey, std::span<const SurveyFrame> frames) {
     CurvatureSum all = half[0];
     all.information += half[1].information;
     all.gradient += half[1].gradient;
-    // Paper does not curve more than TagMap::make() accepts.
-    const double limit = 1.0 / tag.tag.size_m;
-    const Eigen::Vector3d c = all.solve().cwiseMax(-limit).cwiseMin(limit);
-    if (!c.allFinite()) return;
+    const Eigen::Vector3d solved = all.solve();
+    if (!solved.allFinite()) return;
+    // Below the limit of TagMap::make(), so that the rounded number in the file is accepted.
+    const double limit = 0.99 / tag.tag.size_m;
+    const Eigen::Vector3d c = solved.cwiseMax(-limit).cwiseMin(limit);
     const TagCurvature& curvature = curvatures[tag.tag.id] = {c.x(), c.y(), c.z()};
     const double half_m = 0.5 * tag.tag.size_m;
     for (const auto& [x, y] : {std::pair(half_m, half_m), std::pair(half_m, -half_m),

@@ -11,11 +11,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <random>
 #include <vector>
 
 #include "core/units.hpp"
+#include "support/paths.hpp"
 #include "support/synthetic_board.hpp"
 
 namespace penumbra {
@@ -348,6 +350,64 @@ TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
       EXPECT_LT(mean, 6.0 + 3.0 * std::sqrt(12.0 / kSurveys)) << id;
       EXPECT_GT(mean, 4.0) << id;
     }
+  }
+}
+
+// Exact corners with equations for the curvature (0, 0, yy) of each tag. `yy`: by frame [1/m].
+std::vector<SurveyFrame> curved_sweep(const CameraModel& camera,
+                                      const std::vector<MappedTag>& board, std::size_t count,
+                                      const std::function<double(std::size_t)>& yy) {
+  std::vector<SurveyFrame> frames = sweep(camera, board, 0.0);
+  frames.resize(count);
+  for (std::size_t f = 0; f < count; ++f) {
+    for (const TagDetection& tag : frames[f].tags) {
+      MeasuredTag measured;
+      measured.corners_px = tag.corners_px;
+      measured.covariance = 1e-4 * Matrix8d::Identity();
+      measured.curvature.information = 100.0 * Eigen::Matrix3d::Identity();
+      measured.curvature.gradient = Eigen::Vector3d(0.0, 0.0, 100.0 * yy(f));
+      frames[f].measured.push_back(measured);
+    }
+  }
+  return frames;
+}
+
+TEST_F(TagSurveyTest, AcceptsCurvatureThatHalvesOfFramesAgreeOn) {
+  for (const std::size_t count : {3U, 4U, 5U, 8U, 12U}) {
+    const auto survey = survey_tags(
+        camera_, curved_sweep(camera_, board_, count, [](std::size_t) { return 1.5; }), options_);
+    ASSERT_TRUE(survey) << survey.error().message;
+    EXPECT_TRUE(survey->is_curved) << count << " frames";
+    for (const SurveyedTag& tag : survey->tags) {
+      EXPECT_NEAR(tag.tag.curvature.xx, 0.0, 1e-9);
+      EXPECT_NEAR(tag.tag.curvature.yy, 1.5, 0.01);
+    }
+  }
+}
+
+TEST_F(TagSurveyTest, TakesPaperAsFlatWhenHalvesDisagreeOrHeightsAreTiny) {
+  const auto is_curved = [&](const std::function<double(std::size_t)>& yy) {
+    const auto survey = survey_tags(camera_, curved_sweep(camera_, board_, 8, yy), options_);
+    EXPECT_TRUE(survey);
+    return survey && survey->is_curved;
+  };
+  EXPECT_FALSE(is_curved([](std::size_t f) { return f % 2 == 0 ? 1.5 : -1.5; }));
+  // Heights of 0.012 mm at the middles of sides: 1/5000 of the size.
+  EXPECT_FALSE(is_curved([](std::size_t) { return 0.0275; }));
+  EXPECT_TRUE(is_curved([](std::size_t) { return 0.15; }));
+}
+
+TEST_F(TagSurveyTest, WritesOnlyCurvaturesThatCanBeRead) {
+  const test::TemporaryFolder folder;
+  for (const double yy : {-1e6, 15.0, 16.6666, 16.67, 1e6, 1e300}) {
+    const auto survey = survey_tags(
+        camera_, curved_sweep(camera_, board_, 8, [yy](std::size_t) { return yy; }), options_);
+    ASSERT_TRUE(survey) << survey.error().message;
+    const auto file = folder.path() / "tags.yaml";
+    ASSERT_TRUE(save_tag_survey(file, *survey));
+    const auto read = load_tag_map(file);
+    ASSERT_TRUE(read) << yy << ": " << read.error().message;
+    EXPECT_EQ(read->tags().size(), board_.size());
   }
 }
 
