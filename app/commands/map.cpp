@@ -58,20 +58,19 @@ Result<void> for_each_luma(const MapOptions& options, const Recording& recording
   }
 }
 
-// Returns the largest change of a tag's height by its curvature [m].
+// Returns a bound of the changes of the tags' heights by their curvatures [m].
 double largest_height_change(const TagSurvey& before, const TagSurvey& after) {
   double largest_m = 0.0;
   for (const SurveyedTag& tag : after.tags) {
     const auto same = std::ranges::find(before.tags, tag.tag.id,
                                         [](const SurveyedTag& other) { return other.tag.id; });
     if (same == before.tags.end()) continue;
+    const TagCurvature& now = tag.tag.curvature;
+    const TagCurvature& then = same->tag.curvature;
     const double half_m = 0.5 * tag.tag.size_m;
-    for (const auto& [x, y] : {std::pair(0.0, 0.0), std::pair(half_m, half_m),
-                               std::pair(half_m, 0.0), std::pair(0.0, half_m)}) {
-      const double change = tag.tag.curvature.height(x, y, tag.tag.size_m) -
-                            same->tag.curvature.height(x, y, tag.tag.size_m);
-      largest_m = std::max(largest_m, std::abs(change));
-    }
+    const double change =
+        std::abs(now.xx - then.xx) + 2.0 * std::abs(now.xy - then.xy) + std::abs(now.yy - then.yy);
+    largest_m = std::max(largest_m, 0.5 * half_m * half_m * change);
   }
   return largest_m;
 }

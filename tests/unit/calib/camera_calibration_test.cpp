@@ -254,5 +254,14 @@ TEST(CameraFile, OmitsNonFiniteValues) {
   EXPECT_TRUE(load_camera(file));
 }
 
+TEST(TagTarget, RejectsCurvedTags) {
+  auto board = test::board(2, 2, 0.04);
+  board[3].curvature.xy = 0.1;
+  const auto target = tag_target(TagMap::make(board).value());
+  ASSERT_FALSE(target);
+  EXPECT_NE(target.error().message.find("surface of tag 3: a target must be flat"),
+            std::string::npos);
+}
+
 }  // namespace
 }  // namespace penumbra
