@@ -70,6 +70,8 @@ struct AlignedTag {
   Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
   double row = 0.0;                                     // image row of the tag's centre
   Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();  // the tag's displacement per row [px]
+  // The tag's motion by the rate of T_camera_map; see AlignmentProblem::find_motion_by_velocity().
+  Eigen::Matrix<double, 6, 6> motion_by_velocity = Eigen::Matrix<double, 6, 6>::Zero();
   Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // the tag's motion during the exposure
   int moments = 1;  // number of equally spaced moments that model the exposure
   Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();  // the tag's motion within one moment

@@ -1,7 +1,9 @@
 #include "tracking/alignment/alignment_problem.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -16,6 +18,16 @@ namespace {
 double wide_variance_px2(double cell_px) {
   const double added_px = std::min(2.45, 0.25 * cell_px);
   return added_px * added_px;
+}
+
+// Returns the displacement per row [px] of a point `p` with the projection's derivative `J`.
+Eigen::Vector2d shear_at(const Vector6d& row_velocity, const Eigen::Vector3d& p,
+                         const Eigen::Matrix<double, 2, 3>& J) {
+  // Points of the scene move opposite to the camera.
+  const Eigen::Vector2d shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
+  // Ignores large shears: a tag that moves as fast as the read-out is blurred, not sheared.
+  constexpr double kMaxShear = 0.3;
+  return shear.norm() < kMaxShear ? shear : Eigen::Vector2d::Zero();
 }
 
 }  // namespace
@@ -66,8 +78,38 @@ void AlignmentProblem::begin(const AlignmentInput& input) {
   prior_covariance = input.covariance;
   prior_information = inverse_of_spd(prior_covariance);
   PENUMBRA_ASSERT(prior_information.allFinite());
-  row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
+  row_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
+  row_velocity = row_s * input.velocity;
+  set_motion_prior(input);
   set_exposure_motion(input.exposure_motion);
+}
+
+void AlignmentProblem::set_motion_prior(const AlignmentInput& input) {
+  motion_prior.reset();
+  if (!(row_s > 0.0) || !input.velocity_prior) return;
+  const VelocityPrior& velocity = *input.velocity_prior;
+  PENUMBRA_ASSERT(velocity.covariance.allFinite() && velocity.cross_covariance.allFinite());
+  // Right perturbations of T_map_camera have the same covariance as left ones of T_camera_map.
+  Matrix12d covariance;
+  covariance << input.covariance, velocity.cross_covariance.transpose(), velocity.cross_covariance,
+      velocity.covariance;
+  Eigen::LLT<Matrix12d> factors(covariance);
+  MotionPrior prior;
+  prior.velocity = input.velocity;
+  prior.information = factors.solve(Matrix12d::Identity());
+  if (factors.info() != Eigen::Success || !prior.information.allFinite()) {
+    // Rounding made the correlation exceed 1.
+    prior.information.setZero();
+    prior.information.topLeftCorner<6, 6>() = prior_information;
+    prior.information.bottomRightCorner<6, 6>() = inverse_of_spd(velocity.covariance);
+  }
+  PENUMBRA_ASSERT(prior.information.allFinite());
+  motion_prior = prior;
+}
+
+void AlignmentProblem::reset_motion() {
+  T_camera_map = T_predicted;
+  if (motion_prior) row_velocity = row_s * motion_prior->velocity;
 }
 
 void AlignmentProblem::set_exposure_motion(const Vector6d& motion) {
@@ -100,11 +142,53 @@ void AlignmentProblem::place(AlignedTag& tag) const {
   tag.lattice_from_ray = rows_of(tag.ray_from_lattice.inverse() * tag.cell_m);  // homogeneous
 }
 
+void AlignmentProblem::set_row_motion(AlignedTag& tag) const {
+  tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
+}
+
+void AlignmentProblem::find_motion_by_velocity(AlignedTag& tag) const {
+  using Jacobian = Eigen::Matrix<double, 2, 6>;
+  const auto jacobian_at = [&](const Eigen::Vector3d& p, Eigen::Vector2d& pixel) {
+    Eigen::Matrix<double, 2, 3> J;
+    pixel = camera.project_unchecked(p, &J);
+    Jacobian by_motion;
+    by_motion << J, -J * skew(p);
+    return by_motion;
+  };
+  tag.motion_by_velocity = read_time_s(tag) * Matrix6d::Identity();
+  const double last = tag.side - 1;
+  Eigen::Vector2d centre;
+  const Jacobian of_centre = jacobian_at(tag.centre_point(), centre);
+  Matrix6d normal = Matrix6d::Zero();
+  Matrix6d shear = Matrix6d::Zero();
+  for (const auto& [a, b] :
+       {std::pair(0.0, 0.0), std::pair(last, 0.0), std::pair(0.0, last), std::pair(last, last)}) {
+    const Eigen::Vector3d corner = tag.point(a, b);
+    if (!(corner.z() > 0.0)) return;
+    Eigen::Vector2d pixel;
+    const Jacobian of_corner = jacobian_at(corner, pixel);
+    normal += of_corner.transpose() * of_corner;
+    shear += row_s * (pixel.y() - tag.row) * of_corner.transpose() * of_centre;
+  }
+  // Tilts of a tag that faces the camera are hardly visible; keeps them from becoming large.
+  normal.diagonal() *= 1.0 + 1e-6;
+  const Matrix6d by_shear = normal.ldlt().solve(shear);
+  if (by_shear.allFinite()) tag.motion_by_velocity += by_shear;
+}
+
+Eigen::Vector2d AlignmentProblem::shear_of(const AlignedTag& tag) const {
+  const Eigen::Vector3d p = tag.centre_point();
+  if (!(p.z() > 0.0)) return Eigen::Vector2d::Zero();
+  Eigen::Matrix<double, 2, 3> J;
+  std::ignore = camera.project_unchecked(p, &J);
+  return shear_at(row_velocity, p, J);
+}
+
 // Finds the row of the tag's centre, and the camera motion until a rolling shutter reads it.
 void AlignmentProblem::find_row_motion(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
-  if (row_velocity.isZero()) return;
+  if (row_velocity.isZero() && !motion_prior) return;
   place(tag);
   // The second pass starts at the row of the first pass, because the motion changes the row.
   for (int pass = 0; pass < 2; ++pass) {
@@ -112,11 +196,8 @@ void AlignmentProblem::find_row_motion(AlignedTag& tag) const {
     if (!(p.z() > 0.0)) return;
     Eigen::Matrix<double, 2, 3> J;
     tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
-    // Points of the scene move opposite to the camera.
-    tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
-    // Ignores large shears: a tag that moves as fast as the read-out is blurred, not sheared.
-    if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
-    tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
+    tag.row_shear = shear_at(row_velocity, p, J);
+    set_row_motion(tag);
     place(tag);
   }
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -42,6 +43,16 @@ enum class BlurModel {
   moments,       // mean over several moments of the exposure
 };
 
+using Vector12d = Eigen::Matrix<double, 12, 1>;
+using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+// Prior of [xi; w]: left perturbation of T_camera_map at the time of the middle row, and its rate
+// [m/s, rad/s]. See docs/tracking.md#rolling-shutter.
+struct MotionPrior {
+  Vector6d velocity;      // as AlignmentInput::velocity, which is -w
+  Matrix12d information;  // of [xi; w]
+};
+
 struct AlignmentProblem {
   // Fails if a tag's id does not exist in its family.
   [[nodiscard]] static Result<AlignmentProblem> make(const CameraModel& camera,
@@ -62,7 +73,9 @@ struct AlignmentProblem {
   // Covariance of the prediction as a left perturbation of T_camera_map, and its inverse.
   Matrix6d prior_covariance = Matrix6d::Zero();
   Matrix6d prior_information = Matrix6d::Zero();
+  double row_s = 0.0;                           // time from one row to the next
   Vector6d row_velocity = Vector6d::Zero();     // camera motion per row [m, rad]
+  std::optional<MotionPrior> motion_prior;      // if the velocity is solved for
   Vector6d exposure_motion = Vector6d::Zero();  // camera motion during the exposure [m, rad]
   std::vector<AlignedTag*> active;              // usable tags; see find_visible()
   double moved_since_projection_px = 0.0;       // maximum over the tag corners
@@ -71,6 +84,21 @@ struct AlignmentProblem {
   void set_tone(double exponent);
   void begin(const AlignmentInput& input);
   void set_exposure_motion(const Vector6d& motion);
+  // Returns to the prediction.
+  void reset_motion();
+  // Requires motion_prior.
+  [[nodiscard]] Vector6d velocity() const { return row_velocity / row_s; }
+  // Returns the time from the middle row's exposure to that of the tag's row.
+  [[nodiscard]] double read_time_s(const AlignedTag& tag) const {
+    return row_s * (tag.row - 0.5 * (camera.height() - 1));
+  }
+  // Moves the tag to its pose at the time of its row, after a change of row_velocity.
+  void set_row_motion(AlignedTag& tag) const;
+  // Sets the matrix that maps the rate of T_camera_map to the left perturbation of the tag: the
+  // displacement until its row is read, and the motion that resembles its shear most.
+  void find_motion_by_velocity(AlignedTag& tag) const;
+  // Returns the tag's displacement per row [px] at the current pose and velocity.
+  [[nodiscard]] Eigen::Vector2d shear_of(const AlignedTag& tag) const;
   [[nodiscard]] MapFromCamera pose() const;
   [[nodiscard]] int index_of(const AlignedTag& tag) const {
     return static_cast<int>(&tag - tags.data());
@@ -109,6 +137,7 @@ struct AlignmentProblem {
   [[nodiscard]] const std::int32_t* find_cell_pixels(const AlignedTag& tag);
 
  private:
+  void set_motion_prior(const AlignmentInput& input);
   void find_row_motion(AlignedTag& tag) const;
   void project(AlignedTag& tag, double added_variance_px2, simd::Vertices& vertices) const;
   void project_search(AlignedTag& tag) const;

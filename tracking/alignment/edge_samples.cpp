@@ -112,6 +112,29 @@ void EdgeSampler::flatten(AlignedTag& tag) const {
   problem_.loops->flatten(paper, tag.reach, tag.side, tag.samples);
 }
 
+void EdgeSampler::follow_shear(AlignedTag& tag) const {
+  constexpr double kUnnoticed_px = 0.01;  // at the tag's first and last row
+  const Eigen::Vector2d shear = problem_.shear_of(tag);
+  const Eigen::Vector2d change = shear - tag.row_shear;
+  const double half_rows =
+      0.5 * (tag.side - 1) * (std::abs(tag.along_a.y()) + std::abs(tag.along_b.y()));
+  // Samples of several moments keep their displacements until the next selection.
+  if (tag.moments > 1 || tag.used == 0 || !(change.norm() * half_rows > kUnnoticed_px)) return;
+  const simd::Samples s = tag.samples;  // a copy: stores to the arrays can't change it
+  const auto row = static_cast<float>(tag.row);
+  const auto to_pixel = static_cast<float>(1.0 / (1.0 - tag.row_shear.y()));
+  const Eigen::Vector2f moved = change.cast<float>();
+  for (int i = 0; i < s.count; ++i) {
+    const float rows = (s.pixel_y[i] - row) * to_pixel;
+    s.pixel_x[i] -= moved.x() * rows;
+    s.pixel_y[i] -= moved.y() * rows;
+  }
+  tag.row_shear = shear;
+  problem_.loops->prepare(problem_.lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
+  if (tag.is_curved) flatten(tag);
+  attach(tag, s);
+}
+
 // Removes samples that mix with light from beside the tag at the start or end of the exposure.
 void EdgeSampler::remove_samples_near_outline(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;

@@ -25,6 +25,8 @@ class EdgeSampler {
   void free_samples() { arena_.free_samples(); }
   // Selects about `cap` pixels or fewer at the edges of one tag.
   void select(AlignedTag& tag, bool wide, int cap);
+  // Moves the tag's samples to the displacements of its rows at the current velocity.
+  void follow_shear(AlignedTag& tag) const;
   // Samples the data cells' centres and evaluates the model for them.
   void read_cells(AlignedTag& tag);
   // Replaces the values that read_cells() set by means over the pixels within 1/6 cell.

@@ -62,7 +62,7 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
     added.index = problem.index_of(tag);
     added.H = camera_matrix([&](std::size_t h) { return pack.H_camera[h][lane]; });
     for (int i = 0; i < 6; ++i) added.g[i] = pack.g_camera[i][lane];
-    added.g -= solver.slope() * (added.H * solver.last_step());
+    added.g -= solver.slope() * (added.H * solver.last_step_of(tag));
     added.motions.setZero();
     added.motions(0, 0) = centre.z() / problem.camera.parameters().fx;
     added.motions(1, 1) = centre.z() / problem.camera.parameters().fy;

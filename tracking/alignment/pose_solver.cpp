@@ -1,5 +1,6 @@
 #include "tracking/alignment/pose_solver.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -17,6 +18,10 @@ namespace {
 double variance_of(double cost, double weight) {
   return std::max(cost / weight, 0.25);
 }
+
+// Typical acceleration of a hand-held camera within a read-out (1 sigma).
+constexpr double kAcceleration_m_s2 = 2.0;
+constexpr double kAcceleration_rad_s2 = 15.0;
 
 // Calls each(tag, k) for about `count` samples of the latest equations, evenly over all tags.
 template <class Each>
@@ -124,8 +129,9 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   Equations equations;
   accumulate(cutoff, equations);
   if (!update_variance(equations)) return std::nullopt;
-  const Vector6d deviation = log_se3(problem_.T_camera_map * problem_.T_predicted.inverse());
   slope_ = by == StepBy::slope ? measured_slope(cutoff) : 1.0;
+  if (problem_.motion_prior) return step_motion(equations, by);
+  const Vector6d deviation = log_se3(problem_.T_camera_map * problem_.T_predicted.inverse());
   const Matrix6d H_prior = slope_ * equations.H + variance_ * problem_.prior_information;
   const Vector6d xi =
       solve_spd(H_prior, equations.g - variance_ * (problem_.prior_information * deviation));
@@ -145,7 +151,69 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   return made;
 }
 
-double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion) {
+// A tag that is read at the time t moves by xi + t w + t^2 a / 2. The acceleration a is estimated
+// in each step, but does not move the tags. See docs/tracking.md#rolling-shutter.
+std::optional<PoseSolver::Step> PoseSolver::step_motion(const Equations& equations, StepBy by) {
+  using Vector18d = Eigen::Matrix<double, 18, 1>;
+  using Matrix18d = Eigen::Matrix<double, 18, 18>;
+  const MotionPrior& prior = *problem_.motion_prior;
+  Matrix18d H = Matrix18d::Zero();
+  Vector18d g = Vector18d::Zero();
+  for (std::size_t k = 0; k < problem_.active.size(); ++k) {
+    const simd::TagPack& pack = packs_[k / 4];
+    const std::size_t lane = k % 4;
+    if (!pack.valid[lane]) continue;
+    AlignedTag& tag = *problem_.active[k];
+    problem_.find_motion_by_velocity(tag);
+    const double t = problem_.read_time_s(tag);
+    Eigen::Matrix<double, 6, 18> motion;
+    motion << Matrix6d::Identity(), tag.motion_by_velocity, 0.5 * t * t * Matrix6d::Identity();
+    const Matrix6d H_tag = camera_matrix([&](std::size_t h) { return pack.H_camera[h][lane]; });
+    Vector6d g_tag;
+    for (int i = 0; i < 6; ++i) g_tag[i] = pack.g_camera[static_cast<std::size_t>(i)][lane];
+    H += motion.transpose() * H_tag * motion;
+    g += motion.transpose() * g_tag;
+  }
+  const Matrix6d acceleration_information =
+      inverse_of_spd(covariance_of(kAcceleration_m_s2, kAcceleration_rad_s2));
+  Matrix18d prior_information = Matrix18d::Zero();
+  prior_information.topLeftCorner<12, 12>() = prior.information;
+  prior_information.bottomRightCorner<6, 6>() = acceleration_information;
+  Vector18d deviation = Vector18d::Zero();
+  deviation.head<12>() << log_se3(problem_.T_camera_map * problem_.T_predicted.inverse()),
+      prior.velocity - problem_.velocity();
+  const Eigen::LLT<Matrix18d> factors(slope_ * H + variance_ * prior_information);
+  const Vector18d step = factors.solve(g - variance_ * (prior_information * deviation));
+  if (factors.info() != Eigen::Success || !step.allFinite()) return std::nullopt;
+  last_step_ = step.head<6>();
+  last_velocity_step_ = step.segment<6>(6);
+  acceleration_ = step.tail<6>();
+  if (by == StepBy::slope) {
+    // The final step may be long; the residuals that it removes are not noise.
+    const double removed_cost = step.dot(2.0 * g - H * step);
+    variance_ = variance_of(equations.cost - removed_cost, equations.weight);
+  }
+  const Matrix18d J = H / variance_;
+  motion_squares_ = step.dot(J * step);
+  const Matrix6d by_acceleration =
+      inverse_of_spd(J.bottomRightCorner<6, 6>() + acceleration_information);
+  motion_information_ = J.topLeftCorner<12, 12>() - J.topRightCorner<12, 6>() * by_acceleration *
+                                                        J.topRightCorner<12, 6>().transpose();
+  const Matrix6d cross = motion_information_.topRightCorner<6, 6>();
+  const Matrix6d velocity_information =
+      motion_information_.bottomRightCorner<6, 6>() + prior.information.bottomRightCorner<6, 6>();
+  information_ = motion_information_.topLeftCorner<6, 6>() -
+                 cross * inverse_of_spd(velocity_information) * cross.transpose();
+  Step made;
+  made.sigmas = std::sqrt(std::max(last_step_.dot(information_ * last_step_), 0.0));
+  problem_.T_camera_map = exp_se3(last_step_) * problem_.T_camera_map;
+  problem_.row_velocity -= problem_.row_s * last_velocity_step_;
+  made.moved_px = follow_tags_by_row(last_step_, last_velocity_step_);
+  return made;
+}
+
+simd::CameraStep PoseSolver::camera_step(const Vector6d& xi,
+                                         const Eigen::Isometry3d& motion) const {
   simd::CameraStep camera_step;
   std::copy(xi.data(), xi.data() + 6, camera_step.xi);
   for (int r = 0; r < 3; ++r) {
@@ -155,7 +223,31 @@ double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& moti
   camera_step.fx = problem_.camera.parameters().fx;
   camera_step.fy = problem_.camera.parameters().fy;
   camera_step.slope = slope_;
-  problem_.loops->follow(camera_step, packs_.data(), static_cast<int>(packs_.size()));
+  return camera_step;
+}
+
+double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion) {
+  problem_.loops->follow(camera_step(xi, motion), packs_.data(), static_cast<int>(packs_.size()));
+  return update_tags();
+}
+
+double PoseSolver::follow_tags_by_row(const Vector6d& xi, const Vector6d& velocity_step) {
+  for (std::size_t k = 0; k < problem_.active.size(); ++k) {
+    AlignedTag& tag = *problem_.active[k];
+    // Moves all tags of the pack by this tag's step, and keeps the result for this tag.
+    simd::TagPack& pack = packs_[k / 4];
+    const std::size_t lane = k % 4;
+    const Vector6d step = xi + tag.motion_by_velocity * velocity_step;
+    scratch_ = pack;
+    problem_.loops->follow(camera_step(step, exp_se3(step)), &scratch_, 1);
+    for (std::size_t level : {0U, 1U}) pack.levels[level][lane] = scratch_.levels[level][lane];
+    pack.moved_px2[lane] = scratch_.moved_px2[lane];
+    problem_.set_row_motion(tag);
+  }
+  return update_tags();
+}
+
+double PoseSolver::update_tags() {
   double moved_px2 = 0.0;
   for (std::size_t k = 0; k < problem_.active.size(); ++k) {
     const simd::TagPack& pack = packs_[k / 4];

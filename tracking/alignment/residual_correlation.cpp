@@ -97,9 +97,8 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   double observed = 0.0;
   for (const Direction& direction : directions) observed += direction.squares_without_widening();
   // The residuals are from before the latest step. Subtracts the part that the step removed.
-  const Vector6d& step = solver.last_step();
-  observed -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
-              expected.squares / expected.sum;
+  observed -= solver.slope() * solver.slope() * solver.last_step_squares() * expected.squares /
+              expected.sum;
   return std::max(observed, 0.0) / expected.sum * expected.edges / freedom;
 }
 

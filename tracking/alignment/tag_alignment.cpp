@@ -1,5 +1,6 @@
 #include "tracking/alignment/tag_alignment.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <tuple>
@@ -93,6 +94,7 @@ struct TagAligner::Impl {
                                                bool sparse);
   [[nodiscard]] int more_samples(const FinePlan& plan, int now);
   void report_pose();
+  void report_motion();
   [[nodiscard]] bool fail_for(std::string_view reason) {
     result.reason = reason;
     return false;
@@ -136,7 +138,7 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   result.inconsistent_tag = -1;
   counters.far_start = false;
   counters.sampling_stopped = false;
-  problem.T_camera_map = problem.T_predicted;
+  problem.reset_motion();
   bool near = false;
   if (start != Start::near_pose) {
     const bool any = project_at_prediction();
@@ -170,10 +172,12 @@ bool TagAligner::Impl::wide_stage() {
 FinePlan TagAligner::Impl::plan_fine_stage(bool near) const {
   const AlignmentOptions& options = problem.options;
   const auto tags = static_cast<int>(problem.active.size());
+  // A velocity doubles the number of unknowns.
+  const int fast_samples = problem.motion_prior ? 2 * kFastSamples : kFastSamples;
   FinePlan plan;
   plan.every_pixel = options.effort == AlignmentEffort::accurate;
   plan.cap = plan.every_pixel ? kEveryPixel
-                              : filled_blocks(std::clamp(kFastSamples / (simd::kBlock * tags), 2,
+                              : filled_blocks(std::clamp(fast_samples / (simd::kBlock * tags), 2,
                                                          kFastSamplesOfTag / simd::kBlock));
   plan.first = sample_need
                    ? std::min(plan.cap, std::max(input.first_samples / tags, filled_blocks(1)))
@@ -236,6 +240,9 @@ std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round
     // The first step from a nearby start uses no cutoff.
     const auto step = solver.step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by);
     if (!step) return std::nullopt;
+    if (problem.motion_prior) {
+      for (AlignedTag* tag : problem.active) sampler.follow_shear(*tag);
+    }
     const double before = solver.noise_share();
     solver.measure_noise();
     round_moved += step->moved_px;
@@ -273,13 +280,31 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
 void TagAligner::Impl::report_pose() {
   result.counters = problem.counters;
   result.T_map_camera = problem.pose();
-  const Matrix6d total = solver.information() + problem.prior_information;
-  result.covariance = inverse_of_spd(total);
+  if (problem.motion_prior) {
+    report_motion();
+  } else {
+    const Matrix6d total = solver.information() + problem.prior_information;
+    result.covariance = inverse_of_spd(total);
+  }
   double gain = 0.0;
   for (const AlignedTag* tag : problem.active) gain += tag->gain;
   if (!problem.active.empty() && gain > 0.0)
     result.residual_rms =
         std::sqrt(solver.variance()) / (gain / static_cast<double>(problem.active.size()));
+}
+
+// Reports the covariance of pose and velocity.
+void TagAligner::Impl::report_motion() {
+  const Matrix12d& prior = problem.motion_prior->information;
+  const Matrix12d total = solver.motion_information() + prior;
+  const Matrix12d inverse = total.ldlt().solve(Matrix12d::Identity());
+  const Matrix12d covariance = 0.5 * (inverse + inverse.transpose());
+  result.covariance = covariance.topLeftCorner<6, 6>();
+  VelocityEstimate& estimate = result.velocity.emplace();
+  estimate.velocity = problem.velocity();
+  estimate.covariance = covariance.bottomRightCorner<6, 6>();
+  estimate.prior_share = covariance.topRows<6>() * prior * covariance.leftCols<6>();
+  estimate.image_information = solver.information();
 }
 
 TagAligner::TagAligner(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

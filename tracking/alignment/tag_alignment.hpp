@@ -43,6 +43,24 @@ struct AlignmentOptions {
   const simd::Loops* loops = nullptr;  // null: widest_loops()
 };
 
+// Prior of the velocity, given together with that of the pose.
+struct VelocityPrior {
+  Matrix6d covariance = Matrix6d::Zero();        // of AlignmentInput::velocity
+  Matrix6d cross_covariance = Matrix6d::Zero();  // rows: velocity; columns: pose
+};
+
+// The camera's velocity at the image's middle row, estimated together with the pose.
+struct VelocityEstimate {
+  Vector6d velocity = Vector6d::Zero();    // as AlignmentInput::velocity
+  Matrix6d covariance = Matrix6d::Zero();  // the prior included
+  // For the pose's covariance if the image's errors are larger than assumed; with the information A
+  // of pose and velocity and P^-1 of their prior: the pose's block of A^-1 P^-1 A^-1.
+  Matrix6d prior_share = Matrix6d::Zero();
+  // The image's information on the pose; the velocity is marginalised, with its prior for
+  // a known pose.
+  Matrix6d image_information = Matrix6d::Zero();
+};
+
 struct AlignmentInput {
   ImageView luma;
   MapFromCamera predicted;  // T_map_camera
@@ -53,6 +71,9 @@ struct AlignmentInput {
   // The camera's velocity at the image's middle row, T_map_camera * exp(t * velocity) [m/s,
   // rad/s], for the rolling shutter; zero when unknown.
   Vector6d velocity = Vector6d::Zero();
+  // If given, a camera with a rolling shutter solves for pose and velocity together. Otherwise
+  // `velocity` is taken as exact.
+  std::optional<VelocityPrior> velocity_prior;
   // Initial number of samples if sampling may stop early (set_sample_need()); 0: few.
   int first_samples = 0;
   // AlignmentCounters::far_start of the previous frame: if true, begins with few samples.
@@ -92,8 +113,9 @@ struct AlignmentCounters {
 struct AlignmentResult {
   bool verified = false;
   MapFromCamera T_map_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // as in MapPoseEstimate, the prior included
-  double residual_rms = 0.0;               // weighted, as a share of the gain
+  Matrix6d covariance = Matrix6d::Zero();    // as in MapPoseEstimate, the prior included
+  std::optional<VelocityEstimate> velocity;  // if the velocity was solved for
+  double residual_rms = 0.0;                 // weighted, as a share of the gain
   // Variance of an edge's mean residual, divided by its variance for independent residuals.
   double design_effect = 1.0;
   double displacement_px = 0.0;  // RMS displacement of whole tags from the map [px]; 0: unknown
