@@ -52,6 +52,8 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.input.luma = first.input.luma;
   other.input.exposure_motion = first.input.exposure_motion;
   other.input.velocity = first.input.velocity;
+  other.input.velocity_prior = first.input.velocity_prior;
+  if (other.input.velocity_prior) other.input.velocity_prior->cross_covariance.setZero();
   other.input.predicted = mirrored(group, measurement.best.T_map_camera, seen);
   other.input.covariance = uninformative_covariance();
   other.input.rejected = first.input.rejected;

@@ -104,11 +104,14 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   const CovarianceInflation inflation = inflation_of(result, lens_blur_px, pose.noise_px);
   const Matrix6d& posterior = result.covariance;
   const Matrix6d prior_information = inverse_of_spd(alignment.input.covariance);
-  pose.covariance = inflation.scatter * posterior -
-                    (inflation.scatter - 1.0) * (posterior * prior_information * posterior).eval();
+  const Matrix6d prior_share = result.velocity ? result.velocity->prior_share
+                                               : (posterior * prior_information * posterior).eval();
+  pose.covariance = inflation.scatter * posterior - (inflation.scatter - 1.0) * prior_share;
   if (inflation.bias > 0.0) {
     // Limits the bias to 1 m and 1 rad where the image gives no information.
-    const Matrix6d image_information = inverse_of_spd(posterior) - prior_information;
+    const Matrix6d image_information = result.velocity
+                                           ? result.velocity->image_information
+                                           : inverse_of_spd(posterior) - prior_information;
     pose.covariance += inflation.bias * inverse_of_spd(image_information + Matrix6d::Identity());
   }
   pose.covariance += result.map_covariance + motion.blur.covariance;

@@ -69,15 +69,19 @@ struct RigidTagTracker::Impl {
 
   struct Followed {
     Measurement measurement;
-    RefinedPose best;            // pose of the alignment from the prediction
-    Matrix6d filter_covariance;  // covariance of that pose for the motion model
-    bool other = false;          // the second pose fits the image better
+    RefinedPose best;                          // pose of the alignment from the prediction
+    Matrix6d filter_covariance;                // covariance of that pose for the motion model
+    std::optional<VelocityEstimate> velocity;  // of that alignment
+    bool other = false;                        // the second pose fits the image better
   };
   [[nodiscard]] std::optional<Followed> align_followed(const Frame& frame,
                                                        const MotionPrediction& prediction,
                                                        Start start);
   void align_found(const Frame& frame, Measurement& measurement);
   [[nodiscard]] AlignmentInput input_from(const MapFromCamera& pose) const;
+  [[nodiscard]] bool has_rolling_shutter() const {
+    return group.camera.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0;
+  }
   void choose_effort(double motion_px);
   void set_effort(bool every_pixel);
   void record_work(const AlignmentResult& result);
@@ -179,6 +183,9 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   alignment.input.starts_far = state.last_start_far;
   alignment.input.previous_contrast = state.last_contrast;
   alignment.input.velocity = prediction.velocity;
+  if (has_rolling_shutter())
+    alignment.input.velocity_prior =
+        from_hint ? unknown_velocity() : state.motion.velocity_prior(frame.timestamp_ns);
   const AlignmentResult& result = alignment.result;
   alignment.run();
   if (result.verified && !from_hint) align_with_measured_motion(history, camera, frame, alignment);
@@ -212,7 +219,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   }
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (!best) return std::nullopt;
-  Followed followed{{}, *best, result.covariance};
+  Followed followed{{}, *best, result.covariance, result.velocity};
   set_aligned_pose(group, alignment, *best, followed.measurement);
   followed.measurement.rejected = state.consensus.rejected();
   state.last_tags = result.tags_verified;
@@ -248,6 +255,8 @@ std::optional<AssessedPose> RigidTagTracker::Impl::follow(const Frame& frame, St
                       estimate.reason.cause == PoseCause::two_poses;
   const MapFromCamera& aligned = followed->best.T_map_camera;
   if (start == Start::own_motion && estimate.T_map_camera.matrix() == aligned.matrix()) {
+    if (followed->velocity)
+      state.motion.adapt_accelerations(frame.timestamp_ns, *followed->velocity);
     state.motion.update(frame.timestamp_ns, aligned, followed->filter_covariance);
   } else {
     state.motion.start(frame.timestamp_ns, estimate.T_map_camera, estimate.covariance);
@@ -307,6 +316,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   TagConsensus& consensus = state.consensus;
   consensus.begin(measurement.rejected);
   Alignment alignment{aligner, input_from(measurement.best.T_map_camera), false};
+  if (has_rolling_shutter()) alignment.input.velocity_prior = unknown_velocity();
   alignment.run();
   consensus.retest_rejected(alignment);
   measurement.inconsistent = !consensus.settle(group, corners.observations(), alignment);

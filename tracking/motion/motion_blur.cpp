@@ -71,18 +71,19 @@ void align_with_measured_motion(const PoseHistory& history, const CameraModel& c
   for (int i = 0; i < kTries && result.verified; ++i) {
     const auto found = history.motion_at(frame.timestamp_ns, result.T_map_camera);
     if (!found) return;
-    const Vector6d& velocity = found->velocity;
+    const Vector6d velocity = result.velocity ? result.velocity->velocity : found->velocity;
     const auto apart_px = [&](const Vector6d& xi) {
       return moved_px(camera, result.T_map_camera, xi);
     };
     const Vector6d exposure_motion = exposure_s * velocity;
-    const bool elsewhere = half_readout_s > 0.0 &&
+    const bool elsewhere = half_readout_s > 0.0 && !result.velocity &&
                            apart_px(half_readout_s * (velocity - input.velocity)) > kElsewhere_px;
     const bool blurred = exposure_s > 0.0 &&
                          apart_px(exposure_motion - input.exposure_motion) > kBlurred_px &&
                          apart_px(exposure_s * found->change) < kEvenly * apart_px(exposure_motion);
     if (!elsewhere && !blurred) return;
-    const Vector6d velocity_before = std::exchange(input.velocity, velocity);
+    const Vector6d velocity_before = input.velocity;
+    if (!result.velocity) input.velocity = velocity;
     const Vector6d exposure_motion_before = input.exposure_motion;
     if (blurred) input.exposure_motion = exposure_motion;
     // The residual must not increase, unless rows are displaced after a tracked pose.

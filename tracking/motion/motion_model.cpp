@@ -22,6 +22,12 @@ constexpr double kMaxAngular_rad = radians(3.0);
 // Speed of a hand-held camera with unknown motion (1 sigma).
 constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
+// Typical speeds and accelerations (1 sigma) of a hand-held camera, and the smallest error of a
+// predicted velocity. See docs/tracking.md#rolling-shutter.
+constexpr double kTypicalLinear_m_s = 0.1, kTypicalAngular_rad_s = 0.5;
+constexpr double kStartLinear_m_s2 = 1.0, kMinLinear_m_s2 = 0.05, kMaxLinear_m_s2 = 2.0;
+constexpr double kStartAngular_rad_s2 = 20.0, kMinAngular_rad_s2 = 1.0, kMaxAngular_rad_s2 = 40.0;
+constexpr double kMinLinear_m_s = 0.01, kMinAngular_rad_s = 0.03;
 
 // Adapts q by squared innovation / expected value: at once if the ratio is above 1, else slowly.
 double adapted(double q, double ratio, double low, double high) {
@@ -38,6 +44,10 @@ Matrix6d extrapolation_covariance(double age_s) {
   return covariance_of(0.5 * kLinear_m_s2 * age_s * age_s, 0.5 * kAngular_rad_s2 * age_s * age_s);
 }
 
+VelocityPrior unknown_velocity() {
+  return {covariance_of(kTypicalLinear_m_s, kTypicalAngular_rad_s)};
+}
+
 void MotionModel::start(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
                         const Matrix6d& covariance) {
   PENUMBRA_ASSERT(T_map_camera.is_finite() && covariance.allFinite());
@@ -48,35 +58,70 @@ void MotionModel::start(std::int64_t timestamp_ns, const MapFromCamera& T_map_ca
   state.P_velocity = covariance_of(kLinearSpeed_m_s, kAngularSpeed_rad_s);
   state.q_linear = density(kStartLinear_m);
   state.q_angular = density(kStartAngular_rad);
+  state.linear_m2_s4 = kStartLinear_m_s2 * kStartLinear_m_s2;
+  state.angular_rad2_s4 = kStartAngular_rad_s2 * kStartAngular_rad_s2;
   state_ = state;
 }
 
-MotionModel::State MotionModel::advanced(std::int64_t timestamp_ns) const {
-  PENUMBRA_ASSERT(state_ && timestamp_ns >= state_->timestamp_ns);
-  State next = *state_;
-  const double dt = seconds(timestamp_ns - state_->timestamp_ns);
+MotionModel::State MotionModel::advanced(const State& from, std::int64_t timestamp_ns) {
+  PENUMBRA_ASSERT(timestamp_ns >= from.timestamp_ns);
+  State next = from;
+  const double dt = seconds(timestamp_ns - from.timestamp_ns);
   next.timestamp_ns = timestamp_ns;
-  next.pose = perturbed(state_->pose, state_->velocity * dt);
+  next.pose = perturbed(from.pose, from.velocity * dt);
   Vector6d q;
-  q << state_->q_linear, state_->q_linear, state_->q_linear, state_->q_angular, state_->q_angular,
-      state_->q_angular;
+  q << from.q_linear, from.q_linear, from.q_linear, from.q_angular, from.q_angular, from.q_angular;
   const Matrix6d Q = q.asDiagonal();
-  const Matrix6d& C = state_->P_cross;
-  next.P_pose += dt * (C + C.transpose()) + dt * dt * state_->P_velocity + dt * dt * dt / 3.0 * Q;
-  next.P_cross += dt * state_->P_velocity + dt * dt / 2.0 * Q;
+  const Matrix6d& C = from.P_cross;
+  next.P_pose += dt * (C + C.transpose()) + dt * dt * from.P_velocity + dt * dt * dt / 3.0 * Q;
+  next.P_cross += dt * from.P_velocity + dt * dt / 2.0 * Q;
   next.P_velocity += dt * Q;
   return next;
 }
 
 MotionPrediction MotionModel::predict(std::int64_t timestamp_ns) const {
-  const State next = advanced(timestamp_ns);
+  PENUMBRA_ASSERT(state_);
+  const State next = advanced(*state_, timestamp_ns);
   return {next.pose, next.P_pose, next.velocity};
+}
+
+VelocityPrior MotionModel::velocity_prior(std::int64_t timestamp_ns) const {
+  PENUMBRA_ASSERT(state_);
+  const State next = advanced(*state_, timestamp_ns);
+  State bounded = *state_;
+  const double dt = seconds(timestamp_ns - bounded.timestamp_ns);
+  bounded.q_linear = std::min(bounded.q_linear, bounded.linear_m2_s4 * dt);
+  bounded.q_angular = std::min(bounded.q_angular, bounded.angular_rad2_s4 * dt);
+  const State by_hand = advanced(bounded, timestamp_ns);
+  // The pose of this frame determines the velocity up to the change of velocity since the previous
+  // frame.
+  const auto explained = [](const State& state) -> Matrix6d {
+    return state.P_cross * inverse_of_spd(state.P_pose) * state.P_cross.transpose();
+  };
+  const Matrix6d covariance = explained(next) + by_hand.P_velocity - explained(by_hand) +
+                              covariance_of(kMinLinear_m_s, kMinAngular_rad_s);
+  if (!covariance.allFinite() || !next.P_cross.allFinite()) return unknown_velocity();
+  return {0.5 * (covariance + covariance.transpose()), next.P_cross};
+}
+
+void MotionModel::adapt_accelerations(std::int64_t timestamp_ns, const VelocityEstimate& found) {
+  PENUMBRA_ASSERT(state_);
+  const Matrix6d learned = velocity_prior(timestamp_ns).covariance - found.covariance;
+  const Vector6d change = found.velocity - state_->velocity;
+  const auto adapt = [&](double& squared, int first, double low, double high) {
+    const double expected = learned.diagonal().segment<3>(first).sum();
+    if (!(expected > 0.0)) return;
+    const double ratio = change.segment<3>(first).squaredNorm() / expected;
+    squared = adapted(squared, ratio, low * low, high * high);
+  };
+  adapt(state_->linear_m2_s4, 0, kMinLinear_m_s2, kMaxLinear_m_s2);
+  adapt(state_->angular_rad2_s4, 3, kMinAngular_rad_s2, kMaxAngular_rad_s2);
 }
 
 void MotionModel::update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
                          const Matrix6d& covariance) {
-  PENUMBRA_ASSERT(T_map_camera.is_finite() && covariance.allFinite());
-  State next = advanced(timestamp_ns);
+  PENUMBRA_ASSERT(state_ && T_map_camera.is_finite() && covariance.allFinite());
+  State next = advanced(*state_, timestamp_ns);
   const Vector6d moved = perturbation_between(next.pose, T_map_camera);
   // The correction of the pose also corrects the velocity, by the cross-covariance.
   const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);

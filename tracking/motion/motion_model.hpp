@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "core/geometry/transform.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 
 namespace penumbra {
@@ -17,6 +18,8 @@ struct MotionPrediction {
   Vector6d velocity = Vector6d::Zero();  // [m/s, rad/s], camera frame
 };
 
+// Returns the prior of the velocity of a hand-held camera without a previous pose.
+[[nodiscard]] VelocityPrior unknown_velocity();
 // Returns the covariance of a hand-held pose extrapolated for `age_s` [m^2, rad^2].
 [[nodiscard]] Matrix6d extrapolation_covariance(double age_s);
 
@@ -31,6 +34,12 @@ class MotionModel {
              const Matrix6d& covariance);
   // Requires a state that is not later than `timestamp_ns`.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
+  // Returns the covariance of the velocity of predict(timestamp_ns), bounded by the accelerations
+  // of a hand.
+  [[nodiscard]] VelocityPrior velocity_prior(std::int64_t timestamp_ns) const;
+  // Adapts the accelerations that velocity_prior() assumes to a velocity that was solved for with
+  // that prior. Call before update().
+  void adapt_accelerations(std::int64_t timestamp_ns, const VelocityEstimate& found);
   // Updates with an alignment's pose; `covariance` already combines it with predict(timestamp_ns).
   void update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
               const Matrix6d& covariance);
@@ -46,8 +55,11 @@ class MotionModel {
     // Spectral densities of the accelerations [m^2/s^3], [rad^2/s^3].
     double q_linear = 0.0;
     double q_angular = 0.0;
+    // Squared accelerations that velocity_prior() assumes.
+    double linear_m2_s4 = 0.0;
+    double angular_rad2_s4 = 0.0;
   };
-  [[nodiscard]] State advanced(std::int64_t timestamp_ns) const;
+  [[nodiscard]] static State advanced(const State& from, std::int64_t timestamp_ns);
 
   std::optional<State> state_;
 };
