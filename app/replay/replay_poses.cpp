@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
+#include "core/evaluation/pose_convention_hint.hpp"
 #include "core/propagate.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -76,6 +77,11 @@ void add_accuracy(const ReplayRequest& request, const Recording& recording, cons
   const Evaluation accuracy = accuracy_of(camera, run, run.tracked(), truth, request.pairing);
   if (accuracy.frames_with_truth > 0) {
     report.accuracy = accuracy;
+    const std::string truth_file = (recording.folder / "groundtruth.tum").string();
+    if (const auto hint = pose_convention_hint({run.tracked(), "the tracked poses"},
+                                               {truth, truth_file}, request.pairing)) {
+      log_warning("{}", *hint);
+    }
   } else {
     log_warning(
         "{}: its ground truth has no pose at the time of any frame; see --time-offset and "

@@ -3,8 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <cstdio>
 #include <functional>
+#include <limits>
 #include <random>
+
+#include "core/units.hpp"
 
 namespace penumbra {
 namespace {
@@ -70,6 +75,12 @@ CameraPose inverted(const CameraPose& pose) {
   return {pose.inverse().rotation(), pose.inverse().translation()};
 }
 
+using FrameOffset = Transform<frame::Table, frame::Table>;
+
+Change moved_by(const FrameOffset& T_new_old) {
+  return [=](const CameraPose& pose) { return T_new_old * pose; };
+}
+
 // An estimate of the trajectory with translation errors of up to `error` of the distance and
 // rotation errors of up to `error` rad.
 Trajectory estimate_of(const Trajectory& truth, double error, std::mt19937& random) {
@@ -99,16 +110,6 @@ TEST(PoseConventionHint, IsEmptyForUnrelatedTrajectories) {
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);
     EXPECT_EQ(hint_for(random_trajectory(random), truth), "") << i;
-    const CameraPose other(turn(random, 3.0), direction(random));
-    EXPECT_EQ(hint_for(changed(truth,
-                               [&](const CameraPose& pose) {
-                                 return CameraPose(
-                                     other.rotation() * pose.rotation(),
-                                     other.rotation() * pose.translation() + other.translation());
-                               }),
-                       truth),
-              "")
-        << "other world frame, trajectory " << i;
   }
 }
 
@@ -150,6 +151,77 @@ TEST(PoseConventionHint, ReportsWrongUnitOrQuaternionOrderOfEstimate) {
                   StartsWith("est.tum: the estimate looks like"))
           << i;
     }
+  }
+}
+
+TEST(PoseConventionHint, ReportsOtherTableFrame) {
+  std::mt19937 random(6);
+  for (int i = 0; i < kTrajectories; ++i) {
+    const Trajectory truth = random_trajectory(random);
+    const Eigen::Vector3d shift = uniform(random, 0.05, 2.0) * direction(random);
+    const double angle = uniform(random, 0.3, 3.0);
+    const FrameOffset T_truth_estimate(
+        Eigen::Quaterniond(Eigen::AngleAxisd(angle, direction(random))), shift);
+    const Trajectory estimated =
+        changed(estimate_of(truth, 1e-4, random), moved_by(T_truth_estimate.inverse()));
+    const std::string hint = hint_for(estimated, truth);
+    EXPECT_THAT(hint, StartsWith("truth.tum: the ground truth and the estimate have different"))
+        << i;
+    double mm = 0.0;
+    double deg = 0.0;
+    const std::size_t numbers = hint.find("frames: ");
+    ASSERT_NE(numbers, std::string::npos);
+    ASSERT_EQ(std::sscanf(hint.c_str() + numbers, "frames: %lf mm between their origins and %lf",
+                          &mm, &deg),
+              2);
+    EXPECT_NEAR(mm, 1e3 * shift.norm(), 1.0) << i;
+    EXPECT_NEAR(deg, degrees(angle), 0.05) << i;
+  }
+}
+
+TEST(PoseConventionHint, IsEmptyForOffsetOfCamera) {
+  std::mt19937 random(7);
+  for (int i = 0; i < kTrajectories; ++i) {
+    const Trajectory truth = random_trajectory(random);
+    const Transform<frame::Camera, frame::Camera> offset(turn(random, 0.2),
+                                                         0.1 * direction(random));
+    EXPECT_EQ(
+        hint_for(changed(truth, [&](const CameraPose& pose) { return pose * offset; }), truth), "")
+        << i;
+  }
+}
+
+TEST(PoseConventionHint, IsEmptyForSmallOffsetOrFewPoses) {
+  std::mt19937 random(8);
+  for (int i = 0; i < kTrajectories; ++i) {
+    Trajectory truth = random_trajectory(random);
+    const Eigen::Vector3d shift = direction(random);
+    const auto shifted_by = [&](double metres) {
+      return changed(truth,
+                     moved_by({Eigen::Quaterniond::Identity(), Eigen::Vector3d(metres * shift)}));
+    };
+    EXPECT_EQ(hint_for(shifted_by(0.001), truth), "") << i;
+    EXPECT_NE(hint_for(shifted_by(0.1), truth), "") << i;
+    truth.poses.resize(4);
+    EXPECT_EQ(hint_for(shifted_by(0.1), truth), "") << i;
+  }
+}
+
+TEST(PoseConventionHint, IgnoresPosesThatAreNotFinite) {
+  std::mt19937 random(9);
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    const Trajectory truth = random_trajectory(random);
+    Trajectory estimated = changed(truth, moved_by({turn(random, 1.0), direction(random)}));
+    EXPECT_NE(hint_for(estimated, truth), "");
+    for (const std::size_t i : {0, 7, 29}) {
+      CameraPose& pose = estimated.poses[i].T_table_camera;
+      pose = CameraPose(pose.rotation(), Eigen::Vector3d(0.0, bad, 0.0));
+    }
+    EXPECT_NE(hint_for(estimated, truth), "");
+    for (StampedPose& pose : estimated.poses)
+      pose.T_table_camera =
+          CameraPose(Eigen::Quaterniond(bad, 0.0, 0.0, 0.0), Eigen::Vector3d::Zero());
+    EXPECT_EQ(hint_for(estimated, truth), "");
   }
 }
 
