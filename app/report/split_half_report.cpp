@@ -145,8 +145,8 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
       "residuals of the corners: {:.3f} px RMS in {} frames ({} corners, {} views of a tag "
       "rejected)\n",
       causes.rms_px, causes.frames, causes.corners, causes.outliers);
-  text += fmt::format("{:<10}{:>16}{:>20}{:>18}   {}\n", "cause", "explains alone",
-                      "no other explains", "overlay", "true minus given");
+  text += fmt::format("{:<10}{:>16}{:>20}{:>18}   {}\n", "cause", "by it alone", "only by it",
+                      "overlay error", "true minus given value");
   for (std::size_t i = 0; i < kErrorCauses; ++i) {
     const CauseEvidence& e = causes.evidence[i];
     const auto cause = static_cast<ErrorCause>(i);
@@ -159,6 +159,12 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
   }
   text += fmt::format("{:<10}{:>5.1f} % {:>5.3f} px\n", "noise",
                       100.0 * std::min(1.0 - causes.explained, 1.0), causes.noise_px);
+  text +=
+      "  by it alone: share of the squared residuals, and their RMS, that this cause explains by "
+      "itself\n"
+      "  only by it: share that no other cause explains\n"
+      "  paper: tags are not where the map has them; lens: it differs from the camera file;\n"
+      "  shutter: rows are exposed one after another; noise: what no cause explains\n";
   bool any = false;
   for (std::size_t i = 0; i < kErrorCauses; ++i) {
     if (!causes.evidence[i].significant) continue;
@@ -217,6 +223,10 @@ std::string split_half_table(const SplitHalfReport& report) {
   for (std::size_t i = 0; i < report.splits.size(); ++i)
     row(fmt::format("split {}", i + 1), report.splits[i].errors);
   row("all", report.pooled);
+  text +=
+      "  halves: difference of the overlays by two halves of the tags, over sqrt(2)\n"
+      "  ratio: rmse / predicted; far above 1, the predicted error is too small for this "
+      "recording\n";
   text += fmt::format("ratio of a frame: median {:.2f}, above 3 in {:.1f} % of the frames\n",
                       report.pooled.frame_ratio.median, 100.0 * report.pooled.share_above_3);
   text += fmt::format("frames compared: {} of {} in {} splits\n", report.pooled.frames_compared,

@@ -108,7 +108,8 @@ TEST(SplitHalf, WritesTableJsonAndPlot) {
   EXPECT_EQ(first.exit_code, 0) << first.err;
   EXPECT_EQ(first.err, "");
   EXPECT_THAT(first.out, HasSubstr("split 4"));
-  EXPECT_THAT(first.out, HasSubstr("ratio of a frame"));
+  EXPECT_THAT(first.out, HasSubstr("ratio: rmse / predicted"));
+  EXPECT_THAT(first.out, HasSubstr("only by it: share that no other cause explains"));
   EXPECT_THAT(first.out, HasSubstr("no cause is significant"));
   const std::string svg = bytes_of(plot);
   EXPECT_TRUE(svg.starts_with("<svg ")) << svg.substr(0, 100);
