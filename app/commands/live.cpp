@@ -20,8 +20,7 @@ struct LiveOptions {
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
   PENUMBRA_TRY_VOID(complete(request));
-  PENUMBRA_TRY(request.tags,
-               tags_for_camera(options.tags, request.camera.source, request.camera.calibration));
+  PENUMBRA_TRY(request.tags, tags_for_camera(options.tags, request.camera));
   request.camera.recorded = request.record.has_value();
 
   PENUMBRA_TRY(const auto report, run_live(request));

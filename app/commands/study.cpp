@@ -61,8 +61,7 @@ Result<ExitCode> study(const StudyOptions& options) {
           "--calibration: is missing; name the camera's camera.yaml, which penumbra calibrate "
           "makes");
     }
-    PENUMBRA_TRY(request.tags,
-                 tags_for_camera(request.tags, request.camera.source, request.camera.calibration));
+    PENUMBRA_TRY(request.tags, tags_for_camera(request.tags, request.camera));
   } else if (request.recording.empty()) {
     PENUMBRA_TRY(const auto resources, find_resources());
     request.recording = resources / "recordings" / "tabletop";

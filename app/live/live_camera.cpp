@@ -159,18 +159,19 @@ std::optional<std::string> focus_warning(const std::filesystem::path& calibratio
 }
 
 Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesystem::path>& named,
-                                              const std::string& camera,
-                                              const std::filesystem::path& calibration) {
+                                              const CameraRequest& camera) {
   if (named) return *named;
   std::error_code ignored;
   std::string missing;
-  if (const auto played = played_recording(camera)) {
+  if (const auto played = played_recording(camera.source)) {
     const auto recorded = *played / "tags.yaml";
     if (std::filesystem::exists(recorded, ignored)) return recorded;
     missing = recorded.string() + ", ";
   }
-  const auto beside = calibration.parent_path() / "tags.yaml";
+  const auto beside = camera.calibration.parent_path() / "tags.yaml";
   if (std::filesystem::exists(beside, ignored)) return beside;
+  // A missing calibration is reported first, because the map is expected beside it.
+  PENUMBRA_TRY_VOID(load_camera_file(camera.calibration, camera.camera_name));
   return fail("--tags: no tag map is named, and there is no {}{}; {}", missing, beside.string(),
               kTagMapRemedy);
 }

@@ -70,7 +70,6 @@ struct CameraAddress {
 // Returns the tag map for a camera: `named` (--tags), else the tag map of the recording that is
 // played as a camera, else tags.yaml beside the calibration. Fails if none exists.
 [[nodiscard]] Result<std::filesystem::path> tags_for_camera(
-    const std::optional<std::filesystem::path>& named, const std::string& camera,
-    const std::filesystem::path& calibration);
+    const std::optional<std::filesystem::path>& named, const CameraRequest& camera);
 
 }  // namespace penumbra

@@ -560,6 +560,8 @@ TEST(LiveCommand, ReportsMissingInputsInOneLine) {
   test::expect_failure(
       penumbra({"live", "--no-window", "--camera", "telescope", "--calibration", calibration()}),
       {"telescope", "v4l2:/dev/video0"});
+  test::expect_failure(penumbra({"live", "--no-window", "--calibration", "nowhere/camera.yaml"}),
+                       {"nowhere/camera.yaml", "no such file"});
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "libcamera:no-such-camera",
                                  "--calibration", calibration()}),
                        {"libcamera"});
