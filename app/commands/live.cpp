@@ -127,12 +127,10 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
-    if (options->request.camera.calibration.empty()) {
-      usage_error(
-          "--calibration",
-          "is required: name the camera.yaml that penumbra calibrate writes for this camera");
-    }
-    if (played_recording(options->request.camera.source)) {
+    const CameraRequest& camera = options->request.camera;
+    check_camera_source(camera.source);
+    if (camera.calibration.empty()) usage_error("--calibration", kCalibrationMissing);
+    if (played_recording(camera.source)) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {
         if (command.count(option) == 0) continue;

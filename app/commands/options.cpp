@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "app/live/live_camera.hpp"
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
 #include "app/output/output_file.hpp"
@@ -273,6 +274,11 @@ PlanOptions plan_of(const ShadowChoice& choice) {
     usage_error("--light-mode", "fixed needs kernels with a thickness; cocl has none");
   }
   return plan;
+}
+
+void check_camera_source(const std::string& source) {
+  if (const auto address = parse_camera(source); !address)
+    usage_error("--camera", "{}", address.error().message);
 }
 
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {

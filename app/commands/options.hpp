@@ -152,6 +152,10 @@ void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunReq
 // Sets the bundled scene if the request has no scene. Fails if the bundled scene is missing.
 [[nodiscard]] Result<void> complete(RunRequest& request);
 
+inline constexpr const char* kCalibrationMissing =
+    "is required: name the camera.yaml that penumbra calibrate writes for this camera";
+// Rejects a value of --camera that is not a camera.
+void check_camera_source(const std::string& source);
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
                      std::optional<int>& height, const std::string& description);

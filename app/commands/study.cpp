@@ -56,11 +56,6 @@ Result<ExitCode> study(const StudyOptions& options) {
     return ExitCode::success;
   }
   if (request.from_camera) {
-    if (request.camera.calibration.empty()) {
-      return fail(
-          "--calibration: is missing; name the camera's camera.yaml, which penumbra calibrate "
-          "makes");
-    }
     PENUMBRA_TRY(request.tags, tags_for_camera(request.tags, request.camera));
   } else if (request.recording.empty()) {
     PENUMBRA_TRY(const auto resources, find_resources());
@@ -166,6 +161,11 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
     chosen_request.from_camera = camera->count() > 0;
     if (!options->plan && chosen_request.results.empty()) {
       usage_error("--output", "is missing; name the file for the answers");
+    }
+    if (chosen_request.from_camera) {
+      check_camera_source(chosen_request.camera.source);
+      if (chosen_request.camera.calibration.empty())
+        usage_error("--calibration", kCalibrationMissing);
     }
     if (chosen_request.from_camera && chosen_request.poses_from) {
       usage_error("--poses-from", "is for recordings; a camera is tracked");

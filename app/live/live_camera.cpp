@@ -46,7 +46,7 @@ Result<CameraAddress> parse_camera(const std::string& source) {
   using Kind = CameraAddress::Kind;
   std::error_code ignored;
   if (std::filesystem::is_directory(source, ignored)) {
-    return fail("--camera {0}: is a folder; to play a recording, give recording:{0}", source);
+    return fail("{0}: is a folder; to play a recording, give recording:{0}", source);
   }
   if (source.starts_with('/')) return CameraAddress{Kind::v4l2, source};
   for (const auto& [prefix, kind] : kCameraKinds) {
@@ -55,7 +55,7 @@ Result<CameraAddress> parse_camera(const std::string& source) {
     }
   }
   return fail(
-      "--camera {}: is not a camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
+      "{}: is not a camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
       "them), or recording:FOLDER",
       source);
 }

@@ -483,7 +483,9 @@ TEST(StudyCommand, ReportsErrorsInOneLine) {
         {"study", "--experiment", "drag", "--output", "x.csv", "--techniques", "walls,walls"},
         {"study", "--experiment", "drag", "--output", "x.csv", "--participant", "0"},
         {"study", "--experiment", "heights", "--output", "x.csv", "--tolerance", "5"},
-        {"study", "--experiment", "drag", "--output", "x.csv", "--calibration", "c.yaml"}}) {
+        {"study", "--experiment", "drag", "--output", "x.csv", "--calibration", "c.yaml"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--camera", "v4l2:/dev/video0"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--camera", "telescope"}}) {
     const ProgramResult result = penumbra(wrong);
     EXPECT_EQ(result.exit_code, 2) << result.err;
     EXPECT_EQ(lines_of(result.err).size(), 1U) << result.err;
