@@ -17,9 +17,21 @@ struct LiveOptions {
   std::optional<std::filesystem::path> tags;
 };
 
+// Returns the calibration of the recording that is played as a camera; empty if there is none.
+std::filesystem::path recorded_calibration(const std::string& camera) {
+  const auto played = played_recording(camera);
+  std::error_code ignored;
+  if (!played || !std::filesystem::exists(*played / "camera.yaml", ignored)) return {};
+  return *played / "camera.yaml";
+}
+
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
   PENUMBRA_TRY_VOID(complete(request));
+  if (request.camera.calibration.empty()) {
+    request.camera.calibration = recorded_calibration(request.camera.source);
+    fmt::print("calibration: {}\n", request.camera.calibration.string());
+  }
   PENUMBRA_TRY(request.tags, tags_for_camera(options.tags, request.camera));
   request.camera.recorded = request.record.has_value();
 
@@ -62,7 +74,7 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
              "v4l2:DEVICE, libcamera:NUMBER, libcamera:NAME, or recording:FOLDER")
       ->capture_default_str();
   add_option(command, "--calibration", "camera.yaml", camera.calibration,
-             "The camera's model, at the size it gives (penumbra calibrate)");
+             "Camera file of penumbra calibrate (recording:FOLDER: default FOLDER/camera.yaml)");
   start_group(command, "Camera");
   add_camera_name_option(command, camera.camera_name);
   add_size_option(command, "WIDTHxHEIGHT", camera.width, camera.height,
@@ -129,7 +141,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
     claim_outputs(command, {"--poses", "--report"});
     const CameraRequest& camera = options->request.camera;
     check_camera_source(camera.source);
-    if (camera.calibration.empty()) usage_error("--calibration", kCalibrationMissing);
+    if (camera.calibration.empty() && recorded_calibration(camera.source).empty())
+      usage_error("--calibration", kCalibrationMissing);
     if (played_recording(camera.source)) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {

@@ -581,6 +581,14 @@ TEST(LiveCommand, RejectsOutputsInsideRecordedSession) {
   EXPECT_TRUE(std::filesystem::is_empty(temporary.path()));
 }
 
+TEST(LiveCommand, TakesCalibrationAndTagsOfPlayedRecording) {
+  const auto done = penumbra(
+      {"live", "--camera", "recording:" + bundled("tabletop"), "--no-window", "--duration", "0.2"});
+  EXPECT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_TRUE(done.out.starts_with("calibration: " + calibration() + "\n")) << done.out;
+  EXPECT_NE(done.out.find("tags: " + bundled("tabletop")), std::string::npos) << done.out;
+}
+
 TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   for (const std::string& camera : {std::string("telescope"), bundled("tabletop")}) {
     const auto no_camera =
