@@ -2,9 +2,7 @@
 // text and an exit code.
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <exception>
 #include <sstream>
 
@@ -78,20 +76,13 @@ void rewrite_help_command(std::vector<std::string>& words) {
   words = std::move(arguments);
 }
 
-// Returns an error message for an empty value or "nan", which CLI11's range checks accept.
-std::optional<std::string> meaningless_option(const CLI::App& program) {
+// Returns the error message if an option has an empty value.
+std::optional<std::string> empty_option(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const CLI::Option* option : command->get_options()) {
-      const std::vector<std::string>& values = option->results();
       const bool needs_value = option->get_expected_min() > 0;
-      if (needs_value && std::ranges::count(values, "") > 0) {
+      if (needs_value && std::ranges::count(option->results(), "") > 0) {
         return fmt::format("{}: is empty; give it a value", option->get_name());
-      }
-      for (const std::string& value : values) {
-        char* end = nullptr;
-        if (std::isnan(std::strtod(value.c_str(), &end)) && *end == '\0') {
-          return fmt::format("{}: {} is not a number", option->get_name(), value);
-        }
       }
     }
   }
@@ -137,7 +128,7 @@ ExitCode run(int argc, char** argv) {
     if (!wrong && may_be_misspelt) wrong = unknown_option(program);
     return wrong_usage(program, wrong ? *wrong : error.what());
   }
-  if (const auto wrong = meaningless_option(program)) return wrong_usage(program, *wrong);
+  if (const auto wrong = empty_option(program)) return wrong_usage(program, *wrong);
   const auto result = chosen();
   if (result) return *result;
   print_error(result.error().message);

@@ -409,13 +409,6 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   return ExitCode::success;
 }
 
-std::string check_number(const std::string& text) {
-  double number = 0.0;
-  return CLI::detail::lexical_cast(text, number) && std::isfinite(number)
-             ? std::string()
-             : fmt::format("'{}' is not a number", text);
-}
-
 void check_options(CLI::App& command, CalibrateOptions& options) {
   claim_outputs(command, {"--output", "--report"});
   const std::array outputs = {options.output, options.report};
@@ -486,7 +479,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->needs(compare);
   add_option(command, "--focus-position", "N", options->focus_position,
              "Focus position of the lens in the driver's units, stored in the file")
-      ->check(check_number);
+      ->check(any_number());
   add_option(command, "--views", "N", options->views, "Maximum number of views to solve from")
       ->check(in_range(3, 1000))
       ->capture_default_str();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "app/live/live_camera.hpp"
 #include "app/logging.hpp"
@@ -100,6 +101,14 @@ class HelpFormatter final : public CLI::Formatter {
   }
 };
 
+CLI::Validator check_that(std::string expected, std::function<bool(const std::string&)> accepts) {
+  return CLI::Validator(
+      [expected = std::move(expected), accepts = std::move(accepts)](std::string& text) {
+        return accepts(text) ? std::string() : fmt::format("{}: is not {}", text, expected);
+      },
+      "");
+}
+
 }  // namespace
 
 std::shared_ptr<CLI::FormatterBase> make_help_formatter() {
@@ -152,14 +161,34 @@ CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
       ->check(CLI::IsMember(words).description(""));
 }
 
+CLI::Validator any_number() {
+  return check_that("a number", [](const std::string& text) {
+    const auto value = parse_number(text);
+    return value && std::isfinite(*value);
+  });
+}
+
+CLI::Validator in_range(double min_value, double max_value) {
+  return check_that(fmt::format("a number from {} to {}", min_value, max_value),
+                    [=](const std::string& text) {
+                      const auto value = parse_number(text);
+                      return value && *value >= min_value && *value <= max_value;
+                    });
+}
+
+CLI::Validator in_range(int min_value, int max_value) {
+  return check_that(fmt::format("a whole number from {} to {}", min_value, max_value),
+                    [=](const std::string& text) {
+                      const auto value = parse_integer(text);
+                      return value && *value >= min_value && *value <= max_value;
+                    });
+}
+
 CLI::Validator whole_number() {
-  return CLI::Validator(
-      [](std::string& text) {
-        const auto value = parse_integer(text);
-        if (value && *value >= 0) return std::string();
-        return fmt::format("{}: is not a whole number from 0", text);
-      },
-      "");
+  return check_that("a whole number from 0", [](const std::string& text) {
+    const auto value = parse_integer(text);
+    return value && *value >= 0;
+  });
 }
 
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
@@ -325,17 +354,15 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   add_word_option(command, "--tracking", kTrackingModeNames, "mode", tracking.mode,
                   "auto: fast while the view moves, else accurate; detect: no alignment")
       ->default_str("auto");
-  const auto set_budget = [&tracking](double px) {
-    if (!std::isfinite(px) || !(px > 0.0)) {
-      usage_error("--pose-budget", "is {}; give pixels above 0", px);
+  const auto set_budget = [&tracking](const std::string& text) {
+    const auto px = parse_number(text);
+    if (!px || !std::isfinite(*px) || !(*px > 0.0)) {
+      usage_error("--pose-budget", "{}: is not a number of pixels above 0", text);
     }
-    tracking.pose_budget_px = px;
+    tracking.pose_budget_px = *px;
   };
-  command
-      .add_option_function<double>(
-          "--pose-budget", set_budget,
-          "Use fewer pixels while the predicted overlay error stays below this")
-      ->type_name("PX");
+  add_text_option(command, "--pose-budget", "PX", set_budget,
+                  "Use fewer pixels while the predicted overlay error stays below this");
   command.add_flag_callback(
       "--no-background-search", [&tracking] { tracking.search_timing = SearchTiming::in_frame; },
       "Search for lost tags within the frame, not in a thread: frames take longer");

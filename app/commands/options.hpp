@@ -79,10 +79,10 @@ CLI::Option* add_option(CLI::App& command, const std::string& name, const std::s
 CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
                                const std::vector<std::string>& words, std::string& variable,
                                const std::string& description);
-// Returns a check whose range appears in its error message, but not in the help.
-[[nodiscard]] inline CLI::Validator in_range(auto min_value, decltype(min_value) max_value) {
-  return CLI::Range(min_value, max_value).description("");
-}
+// Return checks of numbers, whose messages contain the range. CLI11's checks accept "nan".
+[[nodiscard]] CLI::Validator any_number();
+[[nodiscard]] CLI::Validator in_range(double min_value, double max_value);
+[[nodiscard]] CLI::Validator in_range(int min_value, int max_value);
 // Returns a check for whole numbers from 0. CLI11 would read "-1" as the largest unsigned number.
 [[nodiscard]] CLI::Validator whole_number();
 // Adds an option whose text is passed to `set_value`, which may reject it with usage_error().

@@ -65,13 +65,17 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
              "Height H of the light over the plane [m] (default: 0.9), or inf with "
              "--umbra-height");
   add_option(command, "--light-ratio", "A", options->light_ratio,
-             "Radius of the light over that of the object (default: 3)");
+             "Radius of the light over that of the object (default: 3)")
+      ->check(any_number());
   add_option(command, "--umbra-height", "HU", options->umbra_height,
-             "Height at which the umbra vanishes [m], in place of --light-ratio: A = H / HU");
+             "Height at which the umbra vanishes [m], in place of --light-ratio: A = H / HU")
+      ->check(any_number());
   add_option(command, "--workspace-height", "Z", options->workspace_height,
-             "Highest point that objects take [m]: chooses H and A, with --magnification");
+             "Highest point that objects take [m]: chooses H and A, with --magnification")
+      ->check(any_number());
   add_option(command, "--magnification", "M", options->magnification,
-             "Maximum magnification of the middle layer there (above 1)");
+             "Maximum magnification of the middle layer there (above 1)")
+      ->check(any_number());
   add_option(command, "--kernels", "KERNELS|FILE.json", options->kernels,
              "auto (the model's, or from its silhouette), smooth, per-axis, cocl, or a file")
       ->capture_default_str();

@@ -59,7 +59,7 @@ LayeredConstants constants_from(const ShadowOptions& options) {
   double height = defaults.light_height;
   if (!options.light_height.empty()) {
     const auto number = parse_number(options.light_height);
-    if (!number) {
+    if (!number || std::isnan(*number)) {
       usage_error("--light-height", "{}: is not a number of metres", options.light_height);
     }
     height = *number;

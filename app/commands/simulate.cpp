@@ -7,7 +7,6 @@
 #include "app/commands/options.hpp"
 #include "app/recording/simulate_run.hpp"
 #include "core/propagate.hpp"
-#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {
@@ -16,17 +15,6 @@ Result<ExitCode> simulate(const SimulateRequest& request) {
   PENUMBRA_TRY(const auto summary, run_simulate(request));
   fmt::print("frames: {}\nrecording: {}\n", summary.frames, request.output.string());
   return ExitCode::success;
-}
-
-// Accepts numbers in a range. CLI::Range would accept "nan".
-CLI::Validator within(double low, double high) {
-  return CLI::Validator(
-      [low, high](std::string& text) {
-        const auto value = parse_number(text);
-        if (value && *value >= low && *value <= high) return std::string();
-        return fmt::format("{}: is not a number from {} to {}", text, low, high);
-      },
-      "");
 }
 
 // Adds the groups given as NAME=FILE.tum to the request.
@@ -86,11 +74,11 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->required();
   add_option(command, "--noise", "SIGMA", request->noise_grey,
              "Sigma of white noise, after the camera response [grey levels]")
-      ->check(within(0.0, 255.0))
+      ->check(in_range(0.0, 255.0))
       ->capture_default_str();
   add_option(command, "--blur", "SECONDS", request->exposure_s,
              "Exposure time: the camera moves on a smooth curve through the poses [s]")
-      ->check(within(0.0, 10.0))
+      ->check(in_range(0.0, 10.0))
       ->capture_default_str();
   start_group(command, "Image");
   add_option(command, "--seed", "N", request->seed,
@@ -99,17 +87,17 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   add_option(command, "--tone", "EXPONENT", request->tone_curve,
              "Camera response: light = value ^ exponent (default: the camera file's, or 1)")
-      ->check(within(0.2, 5.0));
+      ->check(in_range(0.2, 5.0));
   add_option(command, "--gain", "FACTOR", request->gain, "Brightness: multiplies the light")
-      ->check(within(0.001, 1000.0))
+      ->check(in_range(0.001, 1000.0))
       ->capture_default_str();
   add_option(command, "--lens-blur", "PX", request->lens_blur_px,
              "Sigma of the lens's own blur [px]")
-      ->check(within(0.0, 10.0))
+      ->check(in_range(0.0, 10.0))
       ->capture_default_str();
   CLI::Option* cover = add_option(command, "--cover", "FRACTION", request->covered_fraction,
                                   "Part of every tag covered by grey, from its left side")
-                           ->check(within(0.0, 1.0))
+                           ->check(in_range(0.0, 1.0))
                            ->capture_default_str();
   add_option(command, "--cover-from", "FRAME", request->cover_from,
              "First frame of --cover; before it tags are uncovered")

@@ -95,6 +95,7 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
   start_group(command, "Experiment");
   add_option(command, "--seed", "N", design.seed,
              "Seed of the random samples; the same for all participants of a study")
+      ->check(whole_number())
       ->capture_default_str();
   add_option(command, "--trials", "N", options.samples,
              "Samples for each technique (default as in the paper, heights: 20, drag: 5)")

@@ -278,6 +278,25 @@ TEST(CommandLine, ReportsUnitAndExampleForInvalidLength) {
   }
 }
 
+TEST(CommandLine, ReportsWhichNumberAnOptionExpects) {
+  using Arguments = std::vector<std::string>;
+  for (const auto& [arguments, message] : std::vector<std::pair<Arguments, std::string>>{
+           {{"replay", "r", "--threads", "many"}, "is not a whole number from 1 to 1024"},
+           {{"replay", "r", "--pose-budget", "low"}, "is not a number of pixels above 0"},
+           {{"live", "--fps", "nan"}, "is not a number from 0.1 to 1000"},
+           {{"live", "--duration", "-1"}, "is not a number from 0.001 to 1000000000"},
+           {{"target", "--output", "x.pdf", "--columns", "2.5"}, "is not a whole number from 1"},
+           {{"study", "--experiment", "drag", "--seed", "x"}, "is not a whole number from 0"},
+           {{"calibrate", "r", "--focus-position", "inf"}, "is not a number"},
+           {{"shadow", "m.obj", "--magnification", "big"}, "is not a number"}}) {
+    const ProgramResult result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 2);
+    const std::string& option = arguments[arguments.size() - 2];
+    EXPECT_THAT(result.err, HasSubstr(option + ": " + arguments.back() + ": " + message));
+    EXPECT_EQ(lines_of(result.err).size(), 1U) << result.err;
+  }
+}
+
 TEST(CommandLine, AcceptsEveryKernelSource) {
   for (const auto& entry : kKernelSourceNames) {
     const ProgramResult result =
