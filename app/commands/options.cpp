@@ -386,6 +386,14 @@ void add_window_options(CLI::App& command, RunRequest& request) {
 }
 
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
+  std::vector<std::filesystem::path> outputs;
+  for (const char* name : {"--output", "--poses", "--report", "--group-poses", "--record"}) {
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (option == nullptr || option->count() == 0) continue;
+    outputs.emplace_back(option->results().back());
+    if (const auto once = check_written_once(outputs, {}); !once)
+      usage_error(name, "{}", once.error().message);
+  }
   warn_of_unused_options(shadow);
   warn_of_unused_options(command, request.tracking);
   request.plan = plan_of(shadow);

@@ -147,7 +147,8 @@ void add_output_options(CLI::App& command, OutputRequest& request);
 void add_scene_option(CLI::App& command, RunRequest& request);
 void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow);
 void add_window_options(CLI::App& command, RunRequest& request);
-// Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions.
+// Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions
+// and outputs with the same path.
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
 // Sets the bundled scene if the request has no scene. Fails if the bundled scene is missing.
 [[nodiscard]] Result<void> complete(RunRequest& request);
