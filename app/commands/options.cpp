@@ -473,9 +473,12 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
 std::string written_files(const OutputRequest& request,
                           const std::optional<std::filesystem::path>& recording) {
   std::vector<std::string> paths;
+  std::error_code ignored;
   for (const auto& path :
        {request.output, request.poses, request.group_poses, request.report, recording}) {
-    if (path && !names_standard_output(path->string())) paths.push_back(path->string());
+    if (path && !names_standard_output(path->string()) &&
+        !std::filesystem::is_empty(*path, ignored))
+      paths.push_back(path->string());
   }
   return paths.empty() ? "" : fmt::format("\nwrote {}\n", fmt::join(paths, ", "));
 }

@@ -170,6 +170,16 @@ TEST(TextOutput, WritesSameStudyResultsToFileStdoutAndPipe) {
   }
 }
 
+TEST(WrittenFiles, OmitsFolderOfGroupPosesWithoutGroups) {
+  const TemporaryFolder folder;
+  const auto done =
+      penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:2", "--poses",
+                folder.path() / "out.tum", "--group-poses", folder.path() / "groups"});
+  EXPECT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_THAT(done.out,
+              testing::EndsWith("\nwrote " + (folder.path() / "out.tum").string() + "\n"));
+}
+
 TEST(StandardOutput, RejectsSecondOutput) {
   const TemporaryFolder folder;
   using Arguments = std::vector<std::string>;
