@@ -49,9 +49,25 @@ void print_plan(const StudyDesign& design) {
   }
 }
 
+// Fails if a file or folder that the command line names is missing.
+Result<void> check_inputs_exist(const StudyRequest& request) {
+  std::vector<std::filesystem::path> named = {request.recording, request.camera.calibration,
+                                              request.tags.value_or(""),
+                                              request.script.value_or("")};
+  if (request.poses_from && *request.poses_from != "groundtruth")
+    named.emplace_back(*request.poses_from);
+  std::error_code ignored;
+  for (const auto& path : named) {
+    if (!path.empty() && !std::filesystem::exists(path, ignored))
+      return fail("{}: there is no such file or folder; check the path", path.string());
+  }
+  return {};
+}
+
 Result<ExitCode> study(const StudyOptions& options) {
   StudyRequest request = options.request;
   if (options.plan) {
+    PENUMBRA_TRY_VOID(check_inputs_exist(request));
     print_plan(request.design);
     return ExitCode::success;
   }

@@ -493,6 +493,10 @@ TEST(StudyCommand, ReportsErrorsInOneLine) {
   const ProgramResult plan = penumbra({"study", "--experiment", "drag", "--trials", "2", "--plan"});
   EXPECT_EQ(plan.exit_code, 0);
   EXPECT_EQ(lines_of(plan.out).size(), 5U);
+  for (const char* option : {"--recording", "--tags", "--script", "--poses-from"}) {
+    expect_failure(penumbra({"study", "--experiment", "drag", "--plan", option, "nowhere"}),
+                   {"nowhere", "no such file"});
+  }
 }
 
 }  // namespace
