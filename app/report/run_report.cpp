@@ -455,23 +455,29 @@ std::string evaluation_json(const Evaluation& evaluation,
 }
 
 std::string evaluation_table(const Evaluation& evaluation) {
-  std::string text =
-      fmt::format("{:<22} {:>10} {:>10} {:>10} {:>10}\n", "error", "rmse", "median", "p95", "max");
+  std::string text;
   const auto row = [&](std::string_view name, const Statistics& s) {
     text += fmt::format("{:<22} {:>10.4f} {:>10.4f} {:>10.4f} {:>10.4f}\n", name, s.rmse, s.median,
                         s.p95, s.max);
   };
   if (evaluation.frames_judged > 0) {
+    text = fmt::format("{:<22} {:>10} {:>10} {:>10} {:>10}\n", "error", "rmse", "median", "p95",
+                       "max");
     row("translation [mm]", evaluation.translation_mm);
     row("rotation [deg]", evaluation.rotation_deg);
     row("overlay [px]", evaluation.overlay_px);
     if (evaluation.jitter_changes > 0) {
       text += fmt::format("{:<22} {:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
     }
+    text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n",
+                        evaluation.frames_judged, evaluation.frames_estimated,
+                        100.0 * ratio_of(evaluation.frames_judged, evaluation.frames_estimated));
+  } else {
+    text =
+        fmt::format("accuracy: unknown, because no {}\n",
+                    evaluation.frames_estimated == 0 ? "frame has a tracked pose"
+                                                     : "tracked pose has a true pose at its time");
   }
-  text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_judged,
-                      evaluation.frames_estimated,
-                      100.0 * ratio_of(evaluation.frames_judged, evaluation.frames_estimated));
   if (const std::string causes = not_judged_text(evaluation); !causes.empty()) {
     text += fmt::format("not judged: {}\n", causes);
   }

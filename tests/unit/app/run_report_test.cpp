@@ -256,6 +256,13 @@ TEST(RunReport, HasEveryDocumentedField) {
   report.accuracy->frames_judged = 0;
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())
       << "a frame without a pose has no error value";
+  EXPECT_THAT(
+      report_table(report),
+      testing::HasSubstr("accuracy: unknown, because no tracked pose has a true pose at its "
+                         "time\nnot judged: 1 outside"));
+  report.accuracy->frames_estimated = 0;
+  EXPECT_THAT(report_table(report),
+              testing::HasSubstr("accuracy: unknown, because no frame has a tracked pose\n"));
   report.accuracy.reset();
   EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
 }
