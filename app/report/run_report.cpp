@@ -565,9 +565,9 @@ std::string report_table(const RunReport& report) {
     const auto& [general, count] = report.reasons[i];
     const std::string first = text_of(count.first);
     const std::string& reason = first.empty() ? general : first;
-    text += fmt::format("not tracked: {} ({} frame{}{})\n", reason, count.frames,
+    text += fmt::format("not tracked: {} (in {} frame{}{})\n", reason, count.frames,
                         count.frames == 1 ? "" : "s",
-                        count.frames > 1 && reason != general ? ", numbers of the first" : "");
+                        count.frames > 1 && reason != general ? "; values of the first" : "");
   }
   const bool misfit = tags_fit_no_pose(report);
   if (misfit) {

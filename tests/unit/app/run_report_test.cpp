@@ -289,10 +289,10 @@ TEST(RunReport, CountsReasonsOfUntrackedFrames) {
                           {"other", 1}}));
   EXPECT_THAT(report_table(none),
               testing::HasSubstr("not tracked: 24 tags in view, none of them of this board "
-                                 "(--tags) (3 frames, numbers of the first)\n"
-                                 "not tracked: predicted error 2.7 px (2 frames, numbers of the "
+                                 "(--tags) (in 3 frames; values of the first)\n"
+                                 "not tracked: predicted error 2.7 px (in 2 frames; values of the "
                                  "first)\n"
-                                 "not tracked: other (1 frame)\n"));
+                                 "not tracked: other (in 1 frame)\n"));
   EXPECT_THAT(report_table(none), testing::HasSubstr("no frame was tracked"));
   add(TrackStatus::tracked, "");
   EXPECT_THAT(report_table(run.report()), testing::Not(testing::HasSubstr("no frame was tracked")));
@@ -310,7 +310,7 @@ TEST(RunReport, SuggestsCameraFileWhenTagsFitNoPose) {
     frame.tracked.pose.reason = reason;
     run.add_frame(frame);
     const std::string table = report_table(run.report());
-    EXPECT_THAT(table, testing::HasSubstr(text_of(reason) + " (1 frame)\n"
+    EXPECT_THAT(table, testing::HasSubstr(text_of(reason) + " (in 1 frame)\n"
                                                             "no frame was tracked, though tags "
                                                             "of the map were read: check that "
                                                             "the camera file"));
