@@ -182,8 +182,8 @@ RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(option
   if (options.camera) lag_.emplace(*options.camera);
   // Includes stages that never run, with a count of 0.
   for (const char* stage :
-       {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
-        "render", "gpu", "readback", "draw", "encode", "frame", "latency"}) {
+       {"capture", "track", "detect", "search", "align", "solve", "draw", "light", "plan", "shadow",
+        "render", "gpu", "readback", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -530,6 +530,18 @@ std::string rejected_tag_lines(const TrackingCounts& counts, std::string_view ma
   return text;
 }
 
+// Returns a stage's name with the stage that it is a part of: "  render (in draw)".
+std::string stage_label(const std::string& stage) {
+  constexpr std::array<std::string_view, 3> kPartsOfTrack = {"detect", "align", "solve"};
+  constexpr std::array<std::string_view, 5> kPartsOfDraw = {"light", "plan", "shadow", "render",
+                                                            "readback"};
+  const auto is_in = [&](const auto& parts) {
+    return std::ranges::find(parts, stage) != parts.end();
+  };
+  if (is_in(kPartsOfTrack)) return "  " + stage + " (in track)";
+  return is_in(kPartsOfDraw) ? "  " + stage + " (in draw)" : stage;
+}
+
 // Returns true if no frame was tracked and the main reason is that no pose fits the detected tags.
 bool tags_fit_no_pose(const RunReport& report) {
   if (report.frames_tracked > 0 || report.reasons.empty()) return false;
@@ -605,16 +617,14 @@ std::string report_table(const RunReport& report) {
                         report.log_lines_dropped);
   }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
-  text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
-                      "CPU mean");
+  text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "wall time [ms]", "median", "p95", "max",
+                      "mean CPU");
   const auto add_row = [&text](const std::string& stage, const StageSummary& s) {
     text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
                         s.max, s.cpu_mean);
   };
-  const std::array<std::string_view, 3> parts_of_track = {"detect", "align", "solve"};
   for (const auto& [stage, summary] : report.time_ms) {
-    const bool is_part = std::ranges::find(parts_of_track, stage) != parts_of_track.end();
-    if (summary.count > 0) add_row(is_part ? "  " + stage + " (in track)" : stage, summary);
+    if (summary.count > 0) add_row(stage_label(stage), summary);
   }
   for (const PaneReport& pane : report.panes) {
     for (const auto& [stage, summary] : pane.time_ms) {
