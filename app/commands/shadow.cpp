@@ -19,7 +19,7 @@ namespace {
 Result<ExitCode> run_shadow(const ShadowJob& job) {
   for (const std::string& warning : job.warnings) log_warning("{}", warning);
   if (job.constants.light_ratio <= 1.0 && job.has_layers()) {
-    log_warning("a = {:g}: the umbra never vanishes; the usual light has a > 1",
+    log_warning("light ratio a = {:g}: the umbra never vanishes; the usual light has a > 1",
                 job.constants.light_ratio);
   }
   if (job.format == ShadowJob::Format::table) {

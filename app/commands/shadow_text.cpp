@@ -90,11 +90,12 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   std::string table = fmt::format("{}: {} vertices, {} faces\n", job.model.filename().string(),
                                   result.vertices, result.faces);
   if (job.has_layers()) {
-    table += fmt::format("light: H = {:g} m, a = {:g}, the umbra {}\n", job.constants.light_height,
-                         job.constants.light_ratio,
-                         job.constants.light_ratio <= 1.0
-                             ? "never vanishes"
-                             : fmt::format("vanishes at {:g} m", job.constants.umbra_height));
+    table +=
+        fmt::format("light: height H = {:g} m, radius a = {:g} times the object's; the umbra {}\n",
+                    job.constants.light_height, job.constants.light_ratio,
+                    job.constants.light_ratio <= 1.0
+                        ? "never vanishes"
+                        : fmt::format("vanishes at {:g} m", job.constants.umbra_height));
   }
   if (!job.groups.empty()) table += fmt::format("parts: {}\n", result.parts);
   table += "layer      area [cm2]  pieces  holes\n";
