@@ -139,7 +139,7 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       ->default_str("0,0,1");
   add_unit_option(command, options->unit_m);
   add_word_option(command, "--kernels", kKernelSourceNames, "kernels", options->source,
-                  "auto, smooth, per-axis or cocl")
+                  "How they are computed: auto (from silhouettes), smooth, per-axis or cocl")
       ->type_name("KERNELS")
       ->default_str("auto");
   add_part_group_option(command, options->groups);

@@ -224,7 +224,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
         choice.plan.kernels = given.source;
         choice.kernel_file = given.file;
       },
-      fmt::format("Shadow kernels in place of the scene's: {}, or a kernel file",
+      fmt::format("Points about which shadow layers grow and shrink: {}, or a kernel file",
                   joined_names(kKernelSourceNames, ", ")));
   add_word_option(command, "--light-mode", kLightModeNames, "mode", plan.light_mode,
                   "Size of the light: proportional to each part's thickness, or fixed");
@@ -242,7 +242,8 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                   "How shadows darken the video; auto: the first that works")
       ->default_str("auto");
   add_word_option(command, "--layers", kLayerDrawingNames, "mode", plan.layers,
-                  "direct: layers drawn face by face; mask: one mask per plane; auto: by cost")
+                  "How shadows are drawn: direct: face by face; mask: as one texture per plane; "
+                  "auto: the cheaper")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
                    "Draw rays from lights through vertices to their shadows, for hard, volume");
@@ -352,7 +353,9 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   start_group(command, "Tracking");
   add_word_option(command, "--tracking", kTrackingModeNames, "mode", tracking.mode,
-                  "auto: fast while the view moves, else accurate; detect: no alignment")
+                  "accurate: all pixels at tag edges; fast: few; auto: few while the view moves; "
+                  "detect: tag corners only")
+      ->type_name("MODE")
       ->default_str("auto");
   const auto set_budget = [&tracking](const std::string& text) {
     const auto px = parse_number(text);

@@ -76,8 +76,9 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--magnification", "M", options->magnification,
              "Maximum magnification of the middle layer there (above 1)")
       ->check(any_number());
-  add_option(command, "--kernels", "KERNELS|FILE.json", options->kernels,
-             "auto (the model's, or from its silhouette), smooth, per-axis, cocl, or a file")
+  add_option(
+      command, "--kernels", "KERNELS|FILE.json", options->kernels,
+      "Points about which layers grow and shrink: auto, smooth, per-axis, cocl, or a kernel file")
       ->capture_default_str();
   add_option(command, "--light-mode", "proportional|fixed", options->light_mode,
              "Size of the light: proportional to each part's thickness, or fixed")
