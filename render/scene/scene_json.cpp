@@ -161,7 +161,8 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
       const std::string place = pointer + "/" + shortened(key);
       const auto property = properties.find(key);
       if (property == properties.end()) {
-        const bool is_unit = key == "unit" && properties.contains("scale");
+        const bool is_unit = edit_distance(in_lower_case(key.substr(0, 64)), "unit") <= 1 &&
+                             properties.contains("scale");
         return Violation{place, "is not a known key; " +
                                     (is_unit ? "for a model in millimetres give \"scale\": 0.001"
                                              : suggestion(key, known))};

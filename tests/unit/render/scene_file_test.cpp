@@ -88,6 +88,12 @@ TEST_F(SceneFile, ReportsPathAndAllowedValuesOfViolations) {
   EXPECT_THAT(error_of("{}"), HasSubstr("/: has no \"objects\"; add it"));
   EXPECT_THAT(error_of(R"({"objects":[],"shadow":[]})"),
               HasSubstr("/shadow: is not a known key; did you mean \"shadows\"?"));
+  for (const std::string unit : {"unit", "units", "Unit", "UNITS"}) {
+    EXPECT_THAT(error_of(R"({"objects":[{"name":"a",")" + unit + R"(":"mm"}]})"),
+                HasSubstr("/objects/0/" + unit +
+                          ": is not a known key; for a model in millimetres "
+                          "give \"scale\": 0.001"));
+  }
   EXPECT_THAT(error_of(R"({"objects":[{"name":"a","scale":"big"}]})"),
               HasSubstr("/objects/0/scale: is \"big\"; give a number from 1e-6 to 1e6"));
   EXPECT_THAT(error_of(R"({"objects":[{"name":"a","scale":-1}]})"),
