@@ -14,6 +14,7 @@
 #include "core/geometry/group_pose.hpp"
 #include "core/propagate.hpp"
 #include "core/units.hpp"
+#include "tracking/evaluation/pose_velocity.hpp"
 #include "tracking/evaluation/tag_halves.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -22,13 +23,6 @@ namespace {
 
 constexpr int kSplits = 4;
 constexpr int kMaxMeasuredFrames = 400;  // frames whose corners are measured, evenly spread
-// Longest time between two frames over which the velocity is estimated [s].
-constexpr double kMaxVelocityGap_s = 0.2;
-
-struct TimedPose {
-  std::int64_t timestamp_ns = 0;
-  std::optional<MapFromCamera> pose;  // if tags were measured
-};
 
 // Result of tracking all tags.
 struct FullRun {
@@ -73,29 +67,9 @@ Result<GroupTracker> tracker_of(const CameraModel& camera, const std::vector<Map
   return GroupTracker::create(camera, map, options, std::vector<std::string>{});
 }
 
-// Returns the velocity from this pose to another one; nullopt if it is unknown.
-std::optional<std::pair<Vector6d, double>> velocity_between(const TimedPose& here,
-                                                            const TimedPose& there) {
-  const double time_s = seconds(there.timestamp_ns - here.timestamp_ns);
-  if (!here.pose || !there.pose || std::abs(time_s) > kMaxVelocityGap_s || time_s == 0.0)
-    return std::nullopt;
-  return std::pair(Vector6d(perturbation_between(*here.pose, *there.pose) / time_s),
-                   std::abs(time_s));
-}
-
-// Returns the velocity by central differences, one-sided at gaps; zero if it is unknown.
-Vector6d velocity_at(const std::vector<TimedPose>& poses, std::size_t index) {
-  const auto before = index > 0 ? velocity_between(poses[index], poses[index - 1]) : std::nullopt;
-  const auto after =
-      index + 1 < poses.size() ? velocity_between(poses[index], poses[index + 1]) : std::nullopt;
-  if (before && after) {
-    // The derivative of the parabola through three poses.
-    const auto& [v0, t0] = *before;
-    const auto& [v1, t1] = *after;
-    return (v0 * t1 + v1 * t0) / (t0 + t1);
-  }
-  if (before) return before->first;
-  return after ? after->first : Vector6d(Vector6d::Zero());
+Vector6d velocity_of(const std::vector<TimedPose>& poses, std::size_t index) {
+  return velocity_at(index > 0 ? &poses[index - 1] : nullptr, poses[index],
+                     index + 1 < poses.size() ? &poses[index + 1] : nullptr);
 }
 
 Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording& recording,
@@ -124,11 +98,11 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
     if (index % std::max(step, 1) != 0) return;
     run.corner_frames.push_back(run.poses.size() - 1);
     run.corners.push_back(
-        meter.measure(luma(frame, scratch), pose, velocity_at(run.poses, run.poses.size() - 1)));
+        meter.measure(luma(frame, scratch), pose, velocity_of(run.poses, run.poses.size() - 1)));
   };
   PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", visit));
   for (std::size_t i = 0; i < run.corners.size(); ++i)
-    run.corners[i].velocity = velocity_at(run.poses, run.corner_frames[i]);
+    run.corners[i].velocity = velocity_of(run.poses, run.corner_frames[i]);
   return run;
 }
 

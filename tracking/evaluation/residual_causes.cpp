@@ -24,7 +24,6 @@ constexpr double kCentrePrior_px = 10.0;
 constexpr double kRadialPrior = 0.1;
 constexpr double kRowPrior_s = 50e-6;
 
-constexpr std::size_t kMinTags = 3;     // minimum number of tags in a frame
 constexpr double kModel_px = 0.1;       // error of a corner that its covariance does not include
 constexpr double kOutlier = 4.0;        // residual of an outlier over the median residual
 constexpr double kMinOutlier_px = 0.3;  // residual that is never an outlier
@@ -118,7 +117,7 @@ CubeView cube_of(const CameraModel& camera, const MapFromCamera& pose) {
 
 // Fits the pose of a frame to `pixels(view)`; returns nullopt for too few tags.
 std::optional<Vector6d> fit_pose(const FrameViews& frame, const auto& pixels) {
-  if (frame.used() < kMinTags) return std::nullopt;
+  if (frame.used() < kMinResidualTags) return std::nullopt;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
   for (const View& view : frame.views) {
@@ -182,7 +181,7 @@ struct NormalEquations {
 };
 
 void NormalEquations::add(const FrameViews& frame) {
-  if (frame.used() < kMinTags) return;
+  if (frame.used() < kMinResidualTags) return;
   const Eigen::Index camera = A.rows() - kOfCamera;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
@@ -269,16 +268,19 @@ std::vector<double> view_residuals_px(const FrameViews& frame, const Eigen::Vect
   return residuals;
 }
 
+// What the overlay is compared with: an image by the true lens, or by the given one.
+enum class ImageLens { of_camera, given };
+
 // Overlay error of poses that absorb the effect of these unknowns, RMS over the frames [px].
-double overlay_px(std::span<const FrameViews> frames, const Eigen::VectorXd& x) {
+double overlay_px(std::span<const FrameViews> frames, const Eigen::VectorXd& x, ImageLens lens) {
   double sum = 0.0;
   int corners = 0;
   for (const FrameViews& frame : frames) {
     const auto xi = fit_pose(frame, [&](const View& view) { return effect_of(x, view); });
     if (!xi) continue;
-    // The overlay is drawn with the given lens; the true image has the true one.
-    sum +=
-        (frame.cube.pose * *xi - frame.cube.lens * x.tail<kOfCamera>().head<kLens>()).squaredNorm();
+    Eigen::Matrix<double, 16, 1> error = frame.cube.pose * *xi;
+    if (lens == ImageLens::of_camera) error -= frame.cube.lens * x.tail<kOfCamera>().head<kLens>();
+    sum += error.squaredNorm();
     corners += frame.cube.corners;
   }
   return corners == 0 ? 0.0 : std::sqrt(sum / corners);
@@ -407,6 +409,14 @@ Causes significant_causes(const ResidualCauses& result) {
   return causes;
 }
 
+Causes possible_causes(const ResidualCauses& result) {
+  Causes causes = 0;
+  for (std::size_t cause = 0; cause < kErrorCauses; ++cause) {
+    if (result.evidence[cause].possible) causes |= bit(cause);
+  }
+  return causes;
+}
+
 void judge(const CrossValidation& validation, ResidualCauses& result) {
   const auto px = [&](double fraction) {
     return result.rms_px * std::sqrt(std::clamp(fraction, 0.0, 1.0));
@@ -439,13 +449,17 @@ void judge(const CrossValidation& validation, ResidualCauses& result) {
 void measure_causes(const CameraModel& camera, std::span<const MappedTag> tags,
                     std::span<const FrameViews> frames, const NormalEquations& all,
                     ResidualCauses& result) {
-  const auto overlay = [&](const Eigen::VectorXd& x) { return overlay_px(frames, x); };
+  const auto overlay = [&](const Eigen::VectorXd& x) {
+    return overlay_px(frames, x, ImageLens::of_camera);
+  };
   const Causes significant = significant_causes(result);
   if (significant != 0) {
     const BlockFits fits = fit_blocks(frames, tags.size(), all, significant);
     result.overlay_px = overlay(fits.x);
     result.overlay_sigma_px = fits.sigma(overlay);
   }
+  const Causes likely = significant != 0 ? significant : possible_causes(result);
+  if (likely != 0) result.pose_px = overlay_px(frames, solve(all, likely), ImageLens::given);
   for (std::size_t cause = 0; cause < kErrorCauses; ++cause) {
     CauseEvidence& evidence = result.evidence[cause];
     if (!evidence.significant && !evidence.possible) continue;
@@ -475,7 +489,7 @@ ResidualCauses find_residual_causes(const CameraModel& camera, std::span<const M
   std::vector<FrameViews> views;
   for (const FrameCorners& frame : frames) {
     FrameViews of_frame = views_of(camera, tags, frame);
-    if (of_frame.used() >= kMinTags) views.push_back(std::move(of_frame));
+    if (of_frame.used() >= kMinResidualTags) views.push_back(std::move(of_frame));
   }
   ResidualCauses result;
   if (static_cast<int>(views.size()) < kMinResidualFrames) return result;

@@ -4,7 +4,9 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -72,6 +74,9 @@ struct ResidualCauses {
   double explained = 0.0;  // fraction explained by all causes together
   // Overlay error because of all significant causes together, RMS [px].
   double overlay_px = 0.0, overlay_sigma_px = 0.0;
+  // The part of overlay_px that comes from the poses: overlay error if the lens is drawn as given
+  // (core/evaluation/evaluation.hpp) [px]. If no cause is significant, that of the possible ones.
+  double pose_px = 0.0;
   std::array<CauseEvidence, kErrorCauses> evidence{};  // by ErrorCause
   CauseSizes sizes;
 
@@ -80,10 +85,14 @@ struct ResidualCauses {
   }
 };
 
+// Returns what seems wrong and the remedy. `given_row_s`: row time in the camera file.
+[[nodiscard]] std::string advice(ErrorCause cause, const CauseSizes& sizes, double given_row_s);
+
 inline constexpr int kMinResidualFrames = 8;
-// Skips frames with fewer than three tags. With fewer than kMinResidualFrames frames nothing is
-// tested, and ResidualCauses::frames is 0. `camera` and `tags`: those that the poses were tracked
-// with.
+inline constexpr std::size_t kMinResidualTags = 3;
+// Skips frames with fewer than kMinResidualTags tags. With fewer than kMinResidualFrames frames
+// nothing is tested, and ResidualCauses::frames is 0. `camera` and `tags`: those that the poses
+// were tracked with.
 [[nodiscard]] ResidualCauses find_residual_causes(const CameraModel& camera,
                                                   std::span<const MappedTag> tags,
                                                   std::span<const FrameCorners> frames);
