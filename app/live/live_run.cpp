@@ -16,6 +16,7 @@
 #include "app/recording/recording_writer.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
+#include "app/session/residual_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
@@ -90,6 +91,7 @@ struct LiveSetup {
   CameraModel camera;
   TagMap tags;
   TagsInUse used_tags;
+  std::unique_ptr<ResidualWatch> residual_watch;
   std::unique_ptr<GlContext> context;
   std::unique_ptr<Session> session;
   std::unique_ptr<LiveSource> source;
@@ -120,6 +122,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
   PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
   log_scene_warnings(*scene, request.plan);
+  PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
 
   PENUMBRA_TRY_VOID(check_camera(address));
   PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
@@ -141,14 +144,10 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto head, recording_head(request, *source, camera));
   auto recorder = std::make_unique<LiveRecorder>(std::move(head));
   if (request.record) PENUMBRA_TRY_VOID(recorder->start(*request.record));
-  return LiveSetup{std::move(camera),
-                   std::move(tags),
-                   std::move(used_tags),
-                   std::move(context),
-                   std::make_unique<Session>(std::move(session)),
-                   std::move(source),
-                   std::move(outputs),
-                   std::move(recorder)};
+  return LiveSetup{
+      std::move(camera),         std::move(tags),    std::move(used_tags),
+      std::move(residual_watch), std::move(context), std::make_unique<Session>(std::move(session)),
+      std::move(source),         std::move(outputs), std::move(recorder)};
 }
 
 // Draws, shows and writes frames until the session ends.
@@ -181,6 +180,7 @@ class LiveLoop {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     TrackedFrame tracked = setup_.session->track(frame);
     image_faults_.observe(tracked);
+    setup_.residual_watch->observe(tracked);
     return tracked;
   }
   void record_faults();
@@ -301,6 +301,7 @@ RunReport LiveLoop::report() {
   report.recording = request_.camera.source;
   report.tags = setup_.used_tags;
   report.image_fault = image_faults_.fault();
+  report.systematic_error = setup_.residual_watch->found();
   report.width = setup_.camera.width();
   report.height = setup_.camera.height();
   report.frames_captured = static_cast<int>(stats.frames);

@@ -18,6 +18,7 @@
 #include "app/report/versions.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
+#include "app/session/residual_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
@@ -147,7 +148,8 @@ struct ReplaySetup {
   std::optional<TagsInUse> tags;
   SceneEvents events;
   std::unique_ptr<FrameSource> source;
-  GlContext::Size image;  // [px]
+  std::unique_ptr<ResidualWatch> residual_watch;  // set if frames are tracked
+  GlContext::Size image;                          // [px]
   std::unique_ptr<GlContext> context;
   std::unique_ptr<ReplayView> view;
   RunOutputs outputs;
@@ -191,6 +193,9 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
   const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
   PENUMBRA_TRY(auto poses, open_replay_poses(request, recording, *scene));
+  if (recording.tags && !request.poses_from) {
+    PENUMBRA_TRY(setup.residual_watch, ResidualWatch::create(*recording.camera, *recording.tags));
+  }
   std::vector<PlanOptions> plans;
   for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
   if (plans.empty()) plans.push_back(request.plan);
@@ -280,6 +285,7 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   if (!frame) return std::optional<TrackedItem>();
   TrackedFrame done = setup_.view->track(*frame);
   if (image_faults_) image_faults_->observe(done);
+  if (setup_.residual_watch) setup_.residual_watch->observe(done);
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
 }
 
@@ -343,6 +349,7 @@ RunReport ReplayLoop::report() {
   report.recording = request_.recording.string();
   report.tags = setup_.tags;
   if (image_faults_) report.image_fault = image_faults_->fault();
+  if (setup_.residual_watch) report.systematic_error = setup_.residual_watch->found();
   report.width = setup_.image.width;
   report.height = setup_.image.height;
   report.panes = setup_.view->pane_reports();

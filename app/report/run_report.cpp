@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "app/capture/capture_stats.hpp"
+#include "app/report/residual_report.hpp"
 #include "app/report/versions.hpp"
 #include "core/assert.hpp"
 #include "core/text/text.hpp"
@@ -426,6 +427,10 @@ std::string report_json(const RunReport& report) {
   add_rejected_tags(json["tracking"], report);
   if (const auto& fault = report.image_fault) {
     json["tracking"]["image_fault"] = to_string(*fault);
+  }
+  if (report.systematic_error) {
+    Json& error = json["tracking"]["systematic_error"] = causes_json(*report.systematic_error);
+    error["pose_px"] = report.systematic_error->pose_px;
   }
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);

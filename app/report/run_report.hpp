@@ -23,6 +23,7 @@
 #include "render/render_work.hpp"
 #include "render/scene/shadow_events.hpp"
 #include "tracking/detection/image_check.hpp"
+#include "tracking/evaluation/residual_causes.hpp"
 
 namespace penumbra {
 
@@ -98,8 +99,9 @@ struct RunReport : TrackingCounts, WorkReport {
   std::string scene;
   std::optional<TagsInUse> tags;          // nullopt if poses are given and no tags are needed
   std::optional<ImageFault> image_fault;  // image fault that prevents tracking, if detected
-  int width = 0, height = 0;              // [px]
-  int frames = 0;                         // processed
+  std::optional<ResidualCauses> systematic_error;  // of the tag map, the lens or the row time
+  int width = 0, height = 0;                       // [px]
+  int frames = 0;                                  // processed
   int frames_captured = 0, frames_dropped = 0;
   int frames_damaged = 0;  // dropped because undecodable; other dropped frames came too late
   // Reasons why frames were not tracked, in descending order of frequency. The key is the reason

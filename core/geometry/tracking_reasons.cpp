@@ -18,6 +18,7 @@ constexpr auto kPoseCauseTexts = std::to_array<std::string_view>({
     "the camera file knows its lens to {0:.1f} px only; calibrate it from more views",
     "the few tags in view are inconsistent with the map: predicted error {0:.1f} px",
     "predicted error {0:.1f} px",
+    "predicted error {0:.1f} px because of the {1}",
     "the table is uncertain: {1}",
 });
 static_assert(kPoseCauseTexts.size() == static_cast<std::size_t>(PoseCause::uncertain_table) + 1);

@@ -20,7 +20,8 @@ enum class PoseCause {
   uncertain_lens,
   uncertain_map,  // a small error of the map causes a large overlay error
   large_error,
-  uncertain_table,  // for a group; PoseReason::message holds the reason of the table's pose
+  systematic_error,  // of what PoseReason::message names: the tag map, the lens, the row time
+  uncertain_table,   // for a group; PoseReason::message holds the reason of the table's pose
 };
 
 // Reason why a pose is uncertain, held or lost.

@@ -1,0 +1,69 @@
+// Detects while tracking that the tag map, the lens or the row time is wrong. See
+// docs/tracking.md#systematic-errors.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/survey/tag_corner_meter.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "tracking/evaluation/pose_velocity.hpp"
+#include "tracking/evaluation/residual_causes.hpp"
+#include "tracking/tracked_frame.hpp"
+
+namespace penumbra {
+
+class ResidualWatch {
+ public:
+  // Watches the tags of the table.
+  [[nodiscard]] static Result<std::unique_ptr<ResidualWatch>> create(const CameraModel& camera,
+                                                                     const TagMap& tags);
+
+  // Call this for every tracked frame in order. Measures the corners of the tags in up to
+  // kMaxFrames frames from different views, and tests their residuals. Logs each cause
+  // once, with the remedy. Adds the error that the causes make to the predicted error of the
+  // table's pose, which is uncertain if that error is too large.
+  void observe(TrackedFrame& tracked);
+  static constexpr int kMaxFrames = 64;
+
+  // Returns the result of the latest test that found a cause; nullopt if more frames refuted it.
+  [[nodiscard]] std::optional<ResidualCauses> found() const;
+
+ private:
+  ResidualWatch(const CameraModel& camera, std::vector<MappedTag> tags, TagCornerMeter meter);
+
+  // A measured frame with its neighbours, which determine its velocity.
+  struct Neighbours {
+    std::optional<TimedPose> before;
+    TimedPose here;
+  };
+
+  [[nodiscard]] bool shows_another_view(const MapFromCamera& pose) const;
+  void measure(const Frame& frame, const TimedPose& here);
+  void test();
+  void log_causes(const ResidualCauses& causes);
+  void add_error(PoseEstimate& pose) const;
+
+  CameraModel camera_;
+  std::vector<MappedTag> tags_;
+  TagCornerMeter meter_;
+  std::vector<FrameCorners> frames_;   // measured so far
+  std::optional<TimedPose> previous_;  // of the previous frame
+  std::optional<Neighbours> latest_;   // of frames_.back(), until the next frame
+  std::array<bool, kErrorCauses> logged_{};
+  bool logged_unclear_ = false;
+  std::vector<std::uint8_t> scratch_;
+  double error_px_ = 0.0;     // overlay error of the causes that were found
+  std::string error_text_;    // names them
+  mutable std::mutex mutex_;  // guards found_: another thread tracks the frames
+  std::optional<ResidualCauses> found_;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,157 @@
+#include "app/session/residual_watch.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "support/random_session.hpp"
+#include "support/synthetic_view.hpp"
+#include "support/test_form.hpp"
+#include "tracking/group_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kWatchedFrames = 40;
+
+// A hand-held camera over a sheet of 4 x 3 tags.
+test::Session hand_held_session(std::uint64_t seed) {
+  test::Session session;
+  test::RandomNumbers draw(seed);
+  CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
+  p.tone_curve = 1.0;
+  session.camera = CameraModel::make(p).value();
+  session.tags = test::layout_of(test::Layout::sheet, draw);
+  session.motion.distance = {0.45, 0.08, 0.5, 0.3};
+  session.motion.elevation = {0.9, 0.4, 1.1, 1.0};
+  session.motion.azimuth = {0.4, 0.3, 0.4, 2.0};
+  session.motion.x = {0.0, 0.04, 0.9, 0.0};
+  session.motion.y = {0.0, 0.04, 0.7, 1.5};
+  session.light.noise_grey = 2.0;
+  session.light.samples = 64;
+  session.light.seed = seed;
+  return session;
+}
+
+struct Watched {
+  std::optional<ResidualCauses> found;
+  int first_found = -1;      // number of frames until the first cause was found
+  int confident_errors = 0;  // tracked frames after that with more than 3 times the predicted error
+  std::vector<TrackedFrame> frames;
+};
+
+// Tracks the session's frames with the given camera and tags.
+Watched watch(const test::Session& session, const CameraModel& camera,
+              const std::vector<MappedTag>& tags) {
+  auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+  const TagMap map = TagMap::make(tags).value();
+  auto tracker = GroupTracker::create(camera, map).value();
+  const auto residuals = ResidualWatch::create(camera, map).value();
+  Watched result;
+  for (int i = 0; i < kWatchedFrames; ++i) {
+    TrackedFrame frame = tracker.track(session.image(renderer, i));
+    residuals->observe(frame);
+    if (residuals->found() && result.first_found < 0) result.first_found = i + 1;
+    if (result.first_found >= 0 && frame.pose.status == TrackStatus::tracked) {
+      const double error_px =
+          overlay_difference(camera, frame.pose.T_table_camera, session.truth(i)).rms_px();
+      result.confident_errors += error_px > 3.0 * frame.pose.predicted_overlay_error_px ? 1 : 0;
+    }
+    frame.frame = {};
+    result.frames.push_back(std::move(frame));
+  }
+  result.found = residuals->found();
+  return result;
+}
+
+TEST(ResidualWatch, FindsNothingIfMapAndCameraAreRight) {
+  for (int seed = 1; seed <= (test::nightly() ? 40 : 3); ++seed) {
+    const test::Session session = hand_held_session(static_cast<std::uint64_t>(seed));
+    EXPECT_FALSE(watch(session, session.camera, session.tags).found) << seed;
+  }
+}
+
+TEST(ResidualWatch, FindsWrongFocalLengthWithin30Frames) {
+  const test::Session session = hand_held_session(11);
+  CameraParameters wrong = session.camera.parameters();
+  wrong.fx *= 1.01;
+  wrong.fy *= 1.01;
+  const Watched watched = watch(session, CameraModel::make(wrong).value(), session.tags);
+  ASSERT_TRUE(watched.found);
+  EXPECT_LE(watched.first_found, 30);
+  // Displaced tags explain these few frames almost as well.
+  EXPECT_TRUE(watched.found->of(ErrorCause::lens).possible);
+  EXPECT_FALSE(watched.found->of(ErrorCause::shutter).possible);
+  EXPECT_NEAR(watched.found->sizes.focal_fraction, -0.0099, 0.002);
+  EXPECT_EQ(watched.confident_errors, 0);
+}
+
+TEST(ResidualWatch, FindsCurvedSheetWithin30Frames) {
+  const test::Session session = hand_held_session(12);
+  // The map is flat, the sheet rises towards two of its sides.
+  std::vector<MappedTag> bent = session.tags;
+  for (MappedTag& tag : bent) {
+    Eigen::Vector3d at = tag.T_table_tag.translation();
+    at.z() = 0.5 * at.x() * at.x();
+    const Eigen::Quaterniond slope(Eigen::AngleAxisd(-std::atan(at.x()), Eigen::Vector3d::UnitY()));
+    tag.T_table_tag = {slope, at};
+  }
+  test::Session of_bent = session;
+  of_bent.tags = bent;
+  const Watched watched = watch(of_bent, session.camera, session.tags);
+  ASSERT_TRUE(watched.found);
+  EXPECT_LE(watched.first_found, 30);
+  EXPECT_TRUE(watched.found->of(ErrorCause::paper).significant);
+  EXPECT_EQ(watched.confident_errors, 0);
+}
+
+TEST(ResidualWatch, FindsRollingShutterWithin30Frames) {
+  test::Session session = hand_held_session(13);
+  CameraParameters rolling = session.camera.parameters();
+  rolling.rolling_shutter_row_s = 40e-6;
+  const CameraModel global = session.camera;
+  session.camera = CameraModel::make(rolling).value();
+  const Watched watched = watch(session, global, session.tags);
+  ASSERT_TRUE(watched.found);
+  EXPECT_LE(watched.first_found, 30);
+  EXPECT_TRUE(watched.found->of(ErrorCause::shutter).significant);
+  EXPECT_NEAR(watched.found->sizes.row_time_s, 40e-6, 4e-6);
+  EXPECT_EQ(watched.confident_errors, 0);
+}
+
+TEST(ResidualWatch, IgnoresFramesWithoutPoseAndNonFiniteNumbers) {
+  const test::Session session = hand_held_session(14);
+  const TagMap map = TagMap::make(session.tags).value();
+  const auto residuals = ResidualWatch::create(session.camera, map).value();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  FrameBuffer grey = allocate_frame(PixelFormat::grey8, 640, 480);
+  for (int i = 0; i < 20; ++i) {
+    TrackedFrame frame;
+    frame.frame = grey.frame;
+    frame.frame.timestamp_ns = i % 3 == 0 ? 0 : i;
+    frame.pose.status = i % 2 == 0 ? TrackStatus::tracked : TrackStatus::lost;
+    frame.pose.tags_used = i % 4;
+    frame.pose.predicted_overlay_error_px = nan;
+    residuals->observe(frame);
+    EXPECT_FALSE(residuals->found());
+  }
+}
+
+// A sheet of 160 tags: only some are measured, and two tags have no residuals that can be tested.
+TEST(ResidualWatch, AcceptsManyTagsAndFewTags) {
+  std::vector<MappedTag> tags;
+  for (int i = 0; i < 160; ++i)
+    tags.push_back(test::flat_tag(i, 0.03 * (i % 16), 0.03 * (i / 16), 0.02));
+  const test::Session session = hand_held_session(15);
+  EXPECT_TRUE(ResidualWatch::create(session.camera, TagMap::make(tags).value()));
+  tags.resize(2);
+  const auto few = ResidualWatch::create(session.camera, TagMap::make(tags).value()).value();
+  TrackedFrame frame;
+  frame.frame = allocate_frame(PixelFormat::grey8, 640, 480).frame;
+  few->observe(frame);
+  EXPECT_FALSE(few->found());
+}
+
+}  // namespace
+}  // namespace penumbra
