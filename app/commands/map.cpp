@@ -1,12 +1,13 @@
 // penumbra map: surveys the tags in a recording and writes their tags.yaml.
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <stop_token>
+#include <utility>
 
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
@@ -17,6 +18,7 @@
 #include "app/recording/recording_source.hpp"
 #include "app/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
+#include "calib/survey/edge_survey.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -56,29 +58,6 @@ Result<void> for_each_luma(const MapOptions& options, const Recording& recording
     progress.update(static_cast<int>(index) + 1);
     if (interrupt.interrupted()) return ended_early(options);
   }
-}
-
-// Returns a bound of the changes of the tags' heights by their curvatures [m].
-double largest_height_change(const TagSurvey& before, const TagSurvey& after) {
-  double largest_m = 0.0;
-  for (const SurveyedTag& tag : after.tags) {
-    const auto same = std::ranges::find(before.tags, tag.tag.id,
-                                        [](const SurveyedTag& other) { return other.tag.id; });
-    if (same == before.tags.end()) continue;
-    const TagCurvature& now = tag.tag.curvature;
-    const TagCurvature& then = same->tag.curvature;
-    const double half_m = 0.5 * tag.tag.size_m;
-    const double change =
-        std::abs(now.xx - then.xx) + 2.0 * std::abs(now.xy - then.xy) + std::abs(now.yy - then.yy);
-    largest_m = std::max(largest_m, 0.5 * half_m * half_m * change);
-  }
-  return largest_m;
-}
-
-std::vector<int> ids_of(const TagSurvey& survey) {
-  std::vector<int> ids;
-  for (const SurveyedTag& tag : survey.tags) ids.push_back(tag.tag.id);
-  return ids;
 }
 
 void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
@@ -154,32 +133,23 @@ Result<ExitCode> run_map(const MapOptions& options) {
       for_each_luma(options, recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
         frames.push_back({detector.detect(luma), {}});
       }));
-  const auto survey_all = [&]() -> Result<TagSurvey> {
+  const auto survey_all = [&](std::span<const SurveyFrame> all) -> Result<TagSurvey> {
     auto result = run_stoppable(interrupt, [&](std::stop_token stop) {
       survey.stop = std::move(stop);
-      return survey_tags(*recording.camera, frames, survey);
+      return survey_tags(*recording.camera, all, survey);
     });
     if (interrupt.interrupted()) return ended_early(options);
     if (!result) return fail_in(options.recording.string(), result.error());
     return result;
   };
-  PENUMBRA_TRY(auto result, survey_all());
-  // Edges are measured at the surveyed tag positions, on paper with the surveyed curvature. If a
-  // tag is rejected or the curvature changes, the edges are measured again.
-  constexpr int kMaxRounds = 4;
-  constexpr double kMaxHeightChange_m = 2e-5;  // below the accuracy of edges
-  for (int round = 0; round < kMaxRounds; ++round) {
-    const TagSurvey before = result;
-    PENUMBRA_TRY_VOID(for_each_luma(
-        options, recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
-          if (index < frames.size())
-            frames[index] = measured_frame(result, index, frames[index], luma);
-        }));
-    PENUMBRA_TRY(result, survey_all());
-    if (ids_of(result) == ids_of(before) &&
-        largest_height_change(before, result) < kMaxHeightChange_m)
-      break;
-  }
+  const auto measure_all = [&](const TagSurvey& surveyed, std::vector<SurveyFrame>& all) {
+    return for_each_luma(options, recording, "edges", interrupt,
+                         [&](std::size_t index, ImageView luma) {
+                           if (index < all.size())
+                             all[index] = measured_frame(surveyed, index, all[index], luma);
+                         });
+  };
+  PENUMBRA_TRY(const auto result, survey_by_edges(std::move(frames), survey_all, measure_all));
   if (auto saved = save_tag_survey(output.partial(), result); !saved)
     return output.failed(saved.error());
   if (refined_camera) {
