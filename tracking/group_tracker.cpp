@@ -109,7 +109,9 @@ struct GroupTracker::Impl {
   std::unique_ptr<BackgroundSearch> beside;  // null if each frame waits for its search
   PoseEstimate searched_table_pose;          // table pose of the frame that `beside` searches
   bool search_due = false;
-  bool search_full = false;  // resolution of the next search
+  bool search_full = false;                           // resolution of the next search
+  std::optional<MapFromCamera> last_table_pose = {};  // latest measured one
+  std::optional<MapFromCamera> table_hint = {};       // first pose to try after a change of the map
 
   [[nodiscard]] std::optional<Past> take_search(std::int64_t timestamp_ns);
   void begin_search(const Frame& frame, const PoseEstimate& table_pose);
@@ -164,6 +166,7 @@ void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& ta
 // Tracks the table's tags, or searches for them if they are lost.
 TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* past) {
   TrackRequest request;
+  request.hint = std::exchange(table_hint, std::nullopt);
   if (beside && options.search_timing == SearchTiming::when_done) {
     request.finest = SearchResolution::half;
     if (past != nullptr && !is_measured(past->table_pose.status)) {
@@ -178,6 +181,7 @@ TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* pa
     }
   }
   const auto [seen, times] = table.track(frame, request);
+  if (is_measured(seen.status)) last_table_pose = seen.T_map_camera;
   PoseEstimate pose{seen, as_table_pose(seen.T_map_camera), seen.ambiguity_ratio};
   return {.frame = frame, .pose = std::move(pose), .times = times, .groups = {}};
 }
@@ -294,6 +298,13 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   // Frames do not wait for the other thread, but its CPU time is included.
   if (past && m.beside->has_thread()) result.times.total_cpu_ms += result.times.search_cpu_ms;
   return result;
+}
+
+Result<void> GroupTracker::set_map(const TagMap& tags) {
+  Impl& m = *impl_;
+  PENUMBRA_TRY(m.table, RigidTagTracker::create(m.camera, tags, m.options, m.search));
+  m.table_hint = m.last_table_pose;
+  return {};
 }
 
 }  // namespace penumbra

@@ -37,6 +37,10 @@ class GroupTracker {
   // is lost if the frame's size differs from the camera model's. See docs/tracking.md#groups.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
+  // Tracks the table with another map of the same tags and table frame from the next frame on. That
+  // frame is aligned from the previous pose. The other groups keep their tags.
+  [[nodiscard]] Result<void> set_map(const TagMap& tags);
+
  private:
   struct Impl;
   explicit GroupTracker(std::unique_ptr<Impl> impl);

@@ -384,6 +384,7 @@ AssessedPose RigidTagTracker::Impl::find(const Frame& frame,
 
 RigidTagTracker::RigidTagTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 RigidTagTracker::RigidTagTracker(RigidTagTracker&&) noexcept = default;
+RigidTagTracker& RigidTagTracker::operator=(RigidTagTracker&&) noexcept = default;
 RigidTagTracker::~RigidTagTracker() = default;
 
 Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,

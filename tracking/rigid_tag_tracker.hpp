@@ -39,6 +39,7 @@ class RigidTagTracker {
                                                       const TrackerOptions& options,
                                                       std::shared_ptr<TagSearch> search);
   RigidTagTracker(RigidTagTracker&&) noexcept;
+  RigidTagTracker& operator=(RigidTagTracker&&) noexcept;
   ~RigidTagTracker();
 
   // Tracks a frame that the shared search has begun. The caller adds the total time.
