@@ -128,6 +128,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
              "calibration)");
   add_shadow_options(command, options->shadow);
   add_tracking_options(command, request.tracking);
+  add_refine_map_option(command, request);
   add_smooth_option(command, request.smooth);
   add_output_options(command, request);
   add_frame_options(command, request, options->shadow);
@@ -138,7 +139,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--record", "--scene", "--tags", "--shadow", "--tracking", "--output",
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command, {"--poses", "--report"});
+    claim_outputs(command, {"--poses", "--report", "--refine-map"});
     const CameraRequest& camera = options->request.camera;
     check_camera_source(camera.source);
     if (camera.calibration.empty() && recorded_calibration(camera.source).empty())

@@ -371,6 +371,25 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
       "Search for lost tags within the frame, not in a thread: frames take longer");
 }
 
+CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request) {
+  const auto set_file = [&request](const std::string& file) {
+    request.refine_map = true;
+    if (file.empty()) return;
+    const std::string extension = lower_extension(file);
+    if (!names_standard_output(file) && extension != ".yaml" && extension != ".yml") {
+      usage_error("--refine-map",
+                  "{}: is not a tags.yaml; name a file that ends in .yaml, or none (then put the "
+                  "option last)",
+                  file);
+    }
+    request.refined_map = file;
+  };
+  return add_text_option(command, "--refine-map", "[tags.yaml]", set_file,
+                         "Refine the tag map while tracking: poses of the tags, curved paper; "
+                         "written at the end")
+      ->expected(0, 1);
+}
+
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
   return command.add_flag("--smooth", smooth,
                           "Draw with a smoothed pose; written poses stay as measured");
@@ -390,9 +409,10 @@ void add_window_options(CLI::App& command, RunRequest& request) {
 
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
   std::vector<std::filesystem::path> outputs;
-  for (const char* name : {"--output", "--poses", "--report", "--group-poses", "--record"}) {
+  for (const char* name :
+       {"--output", "--poses", "--report", "--group-poses", "--refine-map", "--record"}) {
     const CLI::Option* option = command.get_option_no_throw(name);
-    if (option == nullptr || option->count() == 0) continue;
+    if (option == nullptr || option->count() == 0 || option->results().back().empty()) continue;
     outputs.emplace_back(option->results().back());
     if (const auto once = check_written_once(outputs, {}); !once)
       usage_error(name, "{}", once.error().message);
@@ -477,8 +497,8 @@ std::string written_files(const OutputRequest& request,
                           const std::optional<std::filesystem::path>& recording) {
   std::vector<std::string> paths;
   std::error_code ignored;
-  for (const auto& path :
-       {request.output, request.poses, request.group_poses, request.report, recording}) {
+  for (const auto& path : {request.output, request.poses, request.group_poses, request.report,
+                           request.refined_map, recording}) {
     if (path && !names_standard_output(path->string()) &&
         !std::filesystem::is_empty(*path, ignored))
       paths.push_back(path->string());

@@ -138,6 +138,8 @@ struct KernelChoice {
 
 // Add options that several commands share.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
+// Adds --refine-map.
+CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);
 // Returns the line "wrote A, B" of a successful run, or "" if it wrote no file. `recording`: the

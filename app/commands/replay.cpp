@@ -83,8 +83,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
                               kMinPanes, kMaxPanes))
       ->excludes(shadow);
   add_tracking_options(command, request.tracking);
+  CLI::Option* refine = add_refine_map_option(command, request);
   CLI::Option* smooth = add_smooth_option(command, request.smooth);
-  add_poses_from_option(command, request.poses_from)->excludes(smooth);
+  add_poses_from_option(command, request.poses_from)->excludes(smooth)->excludes(refine);
   add_output_options(command, request);
   start_group(command, "Input");
   const auto set_frames = [&request](const std::string& text) {
@@ -105,7 +106,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--shadow", "--compare", "--tracking", "--output", "--poses", "--report",
                       "--poses-from", "--frames"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command, {"--poses", "--report"});
+    claim_outputs(command, {"--poses", "--report", "--refine-map"});
     set_run_options(command, options->shadow, options->request);
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

@@ -16,6 +16,7 @@
 #include "app/recording/recording_writer.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
+#include "app/session/map_refinement.hpp"
 #include "app/session/residual_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
@@ -39,7 +40,8 @@ constexpr std::size_t kMaxYamlBytes = 16'000'000;
 // Fails if an output lies in the recording's folder, or the recording in the folder of images.
 Result<void> check_apart_from_record(const LiveRequest& request) {
   if (!request.record) return {};
-  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, request.refined_map}) {
     if (output && !is_stream(*output) && lies_in(*output, *request.record)) {
       return fail("{}: lies in {}, where the recording is made (--record); name another place",
                   output->string(), request.record->string());
@@ -166,6 +168,9 @@ class LiveLoop {
                         : nullptr),
         late_(setup.session.get(), setup.outputs, run_),
         image_faults_(setup.tags),
+        refinement_(request.refine_map ? std::make_unique<MapRefinement>(
+                                             setup.camera, setup.tags, RefinementTiming::when_done)
+                                       : nullptr),
         pipeline_(
             *setup.source, [this](const Frame& frame) { return track(frame); },
             [this](const CapturedImage& image) {
@@ -180,9 +185,11 @@ class LiveLoop {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     TrackedFrame tracked = setup_.session->track(frame);
     image_faults_.observe(tracked);
+    refine_map(tracked);
     setup_.residual_watch->observe(tracked);
     return tracked;
   }
+  void refine_map(const TrackedFrame& tracked);
   void record_faults();
   void draw(ReadyFrame ready);
   void draw_stall();
@@ -209,6 +216,7 @@ class LiveLoop {
   // Images up to this time were delayed by a pause, so their age does not count as latency.
   std::int64_t paused_until_ns_ = std::numeric_limits<std::int64_t>::min();
   ImageFaultWatch image_faults_;
+  std::unique_ptr<MapRefinement> refinement_;  // set with --refine-map
   LivePipeline pipeline_;  // declared last, because its threads use the other members
 };
 
@@ -228,6 +236,15 @@ void LiveLoop::run() {
     if (host_.is_over() || interrupt_.interrupted()) stopped_ = true;
   }
   pipeline_.stop();
+  if (refinement_) refinement_->stop();
+}
+
+void LiveLoop::refine_map(const TrackedFrame& tracked) {
+  if (!refinement_) return;
+  const auto map = refinement_->observe(tracked);
+  if (!map) return;
+  if (const auto set = setup_.session->set_tag_map(*map); !set)
+    log_warning("the refined tag map is not used: {}", set.error().message);
 }
 
 void LiveLoop::record_faults() {
@@ -302,6 +319,7 @@ RunReport LiveLoop::report() {
   report.tags = setup_.used_tags;
   report.image_fault = image_faults_.fault();
   report.systematic_error = setup_.residual_watch->found();
+  if (refinement_) report.map_refinement = refinement_->report();
   report.width = setup_.camera.width();
   report.height = setup_.camera.height();
   report.frames_captured = static_cast<int>(stats.frames);
@@ -340,6 +358,10 @@ Result<RunReport> LiveLoop::finish() {
                 recorded ? std::string() : "; and " + recorded.error().message);
   }
   if (!recorded && !failure_) failure_ = recorded.error();
+  if (refinement_) {
+    const auto written = setup_.outputs.write_refined_map(refinement_->map());
+    if (!written && !failure_) failure_ = written.error();
+  }
   report.failure = std::move(failure_);
   if (auto written = setup_.outputs.write_report(report); !written && !report.failure) {
     report.failure = written.error();

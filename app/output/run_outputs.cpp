@@ -34,7 +34,8 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
 
 Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
   std::error_code ignored;
-  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, request.refined_map}) {
     if (!output) continue;
     if (output == request.group_poses &&
         (is_stream(*output) ||
@@ -78,8 +79,8 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
       frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
     }
   }
-  for (const auto& output :
-       {request.output, request.poses, request.report, request.group_poses, more}) {
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
+                             request.refined_map, more}) {
     if (!output || is_stream(*output)) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
@@ -172,6 +173,9 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   if (request.report) {
     PENUMBRA_TRY(outputs.report, OutputFile::create(*request.report));
   }
+  if (request.refined_map) {
+    PENUMBRA_TRY(outputs.refined_map, OutputFile::create(*request.refined_map));
+  }
   if (request.poses) {
     PENUMBRA_TRY(outputs.poses, PoseWriter::create(*request.poses, request.poses_all));
   }
@@ -253,6 +257,11 @@ Result<void> RunOutputs::finish(RunRecorder& run) {
 Result<void> RunOutputs::write_report(const RunReport& measured) {
   if (!report) return {};
   return write_text(*report, report_json(measured));
+}
+
+Result<void> RunOutputs::write_refined_map(const TagMap& map) {
+  if (!refined_map) return {};
+  return write_text(*refined_map, tag_map_text(map));
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {

@@ -30,6 +30,7 @@ struct OutputRequest {
   bool poses_all = false;                            // also writes uncertain and held poses
   std::optional<std::filesystem::path> group_poses;  // folder for a file NAME.tum per tag group
   std::optional<std::filesystem::path> report;
+  std::optional<std::filesystem::path> refined_map;  // tags.yaml
 };
 
 // Fails if an output would replace another output or one of `taken`, the files that the run reads.
@@ -49,6 +50,7 @@ struct RunOutputs {
   std::optional<PoseWriter> poses;
   std::map<std::string, PoseWriter> group_poses;  // by name of the tag group
   std::optional<OutputFile> report;
+  std::optional<OutputFile> refined_map;
 
   // Writes one frame and adds the encoding times since the previous call to `run`. `pixels`: empty
   // without `frames`. If an output fails (full disk), it is closed with its content so far and the
@@ -60,6 +62,7 @@ struct RunOutputs {
   // Completes frames and poses. If one output fails, the others are still completed.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
+  [[nodiscard]] Result<void> write_refined_map(const TagMap& map);
   // Returns true if any output is written per frame.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
 };

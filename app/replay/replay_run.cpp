@@ -18,6 +18,7 @@
 #include "app/report/versions.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
+#include "app/session/map_refinement.hpp"
 #include "app/session/residual_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"
@@ -237,6 +238,10 @@ class ReplayLoop {
         image_faults_(setup.recording.tags && !request.poses_from
                           ? std::make_unique<ImageFaultWatch>(*setup.recording.tags)
                           : nullptr),
+        refinement_(request.refine_map ? std::make_unique<MapRefinement>(*setup.recording.camera,
+                                                                         *setup.recording.tags,
+                                                                         RefinementTiming::in_frame)
+                                       : nullptr),
         tracked_([this] { return track_next(); }, request.threads > 1 ? kTrackAhead : 0) {}
 
   [[nodiscard]] Result<void> open_viewer();
@@ -269,6 +274,7 @@ class ReplayLoop {
   bool stopped_ = false;
   std::optional<Error> failure_;                   // first error of an output
   std::unique_ptr<ImageFaultWatch> image_faults_;  // set if frames are tracked
+  std::unique_ptr<MapRefinement> refinement_;      // set with --refine-map
   TrackAhead tracked_;  // declared last: its thread uses the other members
 };
 
@@ -285,6 +291,10 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   if (!frame) return std::optional<TrackedItem>();
   TrackedFrame done = setup_.view->track(*frame);
   if (image_faults_) image_faults_->observe(done);
+  if (refinement_) {
+    if (const auto map = refinement_->observe(done))
+      PENUMBRA_TRY_VOID(setup_.view->set_tag_map(*map));
+  }
   if (setup_.residual_watch) setup_.residual_watch->observe(done);
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
 }
@@ -302,6 +312,7 @@ Result<void> ReplayLoop::run() {
     }
     progress.update(run_.frames());
   }
+  if (refinement_) refinement_->stop();  // the next frames may be tracked still
   return {};
 }
 
@@ -350,6 +361,7 @@ RunReport ReplayLoop::report() {
   report.tags = setup_.tags;
   if (image_faults_) report.image_fault = image_faults_->fault();
   if (setup_.residual_watch) report.systematic_error = setup_.residual_watch->found();
+  if (refinement_) report.map_refinement = refinement_->report();
   report.width = setup_.image.width;
   report.height = setup_.image.height;
   report.panes = setup_.view->pane_reports();
@@ -373,6 +385,10 @@ Result<RunReport> ReplayLoop::finish() {
   if (auto rest = late_.write_pending(); !rest && !failure_) failure_ = rest.error();
   if (auto finished = setup_.outputs.finish(run_); !finished && !failure_) {
     failure_ = finished.error();
+  }
+  if (refinement_) {
+    const auto written = setup_.outputs.write_refined_map(refinement_->map());
+    if (!written && !failure_) failure_ = written.error();
   }
   RunReport report = this->report();
   report.failure = std::move(failure_);

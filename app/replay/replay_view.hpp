@@ -25,6 +25,10 @@ class ReplayView {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     return comparison_ ? comparison_->track(frame) : session_->track(frame);
   }
+  // See Session::set_tag_map().
+  [[nodiscard]] Result<void> set_tag_map(const TagMap& tags) {
+    return comparison_ ? comparison_->set_tag_map(tags) : session_->set_tag_map(tags);
+  }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
   // The image that draw() read back: the latest or the previous one (see ReadBackTime).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {

@@ -432,6 +432,14 @@ std::string report_json(const RunReport& report) {
     Json& error = json["tracking"]["systematic_error"] = causes_json(*report.systematic_error);
     error["pose_px"] = report.systematic_error->pose_px;
   }
+  if (const auto& refinement = report.map_refinement) {
+    json["map_refinement"] = {
+        {"keyframes", refinement->keyframes},
+        {"refinements", refinement->refinements},
+        {"change_mm",
+         {{"rmse", refinement->change.rms_m * 1e3}, {"max", refinement->change.max_m * 1e3}}},
+        {"file", report.refined_map.empty() ? Json() : Json(report.refined_map)}};
+  }
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);
@@ -570,6 +578,30 @@ std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults
   return text;
 }
 
+// Describes what became of the tag map with --refine-map.
+std::string map_refinement_line(const MapRefinementReport& refinement, const std::string& file) {
+  std::string line = "tag map: ";
+  if (refinement.refinements > 0) {
+    line += fmt::format(
+        "refined {} time{} from {} keyframes; its corners moved by {:.2f} mm (RMS), at most {:.2f} "
+        "mm",
+        refinement.refinements, refinement.refinements == 1 ? "" : "s", refinement.keyframes,
+        refinement.change.rms_m * 1e3, refinement.change.max_m * 1e3);
+  } else if (refinement.keyframes < static_cast<int>(MapKeyframes::kRefinementInterval)) {
+    line += fmt::format(
+        "not refined: {} keyframe{} from different sides, {} are needed; move the camera around "
+        "the "
+        "sheet",
+        refinement.keyframes, refinement.keyframes == 1 ? "" : "s",
+        MapKeyframes::kRefinementInterval);
+  } else {
+    line += fmt::format("not refined: no refined map explains the {} keyframes clearly better",
+                        refinement.keyframes);
+  }
+  return line +
+         (file.empty() ? "; not written (--refine-map FILE writes it)\n" : "; " + file + "\n");
+}
+
 }  // namespace
 
 std::string report_table(const RunReport& report) {
@@ -593,6 +625,8 @@ std::string report_table(const RunReport& report) {
         "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
   text += rejected_tag_lines(report, "the map");
+  if (report.map_refinement)
+    text += map_refinement_line(*report.map_refinement, report.refined_map);
   // Omitted if most frames are uncertain, because tags were detected in them.
   if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "app/run_inputs.hpp"
+#include "app/session/map_refinement.hpp"
 #include "app/session/pose_smoother.hpp"
 #include "app/session/session.hpp"
 #include "core/error.hpp"
@@ -97,7 +98,9 @@ struct ReasonCount {
 struct RunReport : TrackingCounts, WorkReport {
   std::string recording;
   std::string scene;
-  std::optional<TagsInUse> tags;          // nullopt if poses are given and no tags are needed
+  std::optional<TagsInUse> tags;  // nullopt if poses are given and no tags are needed
+  std::optional<MapRefinementReport> map_refinement;  // set with --refine-map
+  std::string refined_map;                // file of the refined map; "": it is not written
   std::optional<ImageFault> image_fault;  // image fault that prevents tracking, if detected
   std::optional<ResidualCauses> systematic_error;  // of the tag map, the lens or the row time
   int width = 0, height = 0;                       // [px]

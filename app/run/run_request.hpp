@@ -19,7 +19,8 @@ struct RunRequest : OutputRequest, SessionOptions {
   // Kernels for the casters with the file's number of vertices.
   std::optional<std::filesystem::path> kernel_file;
   TrackerOptions tracking;
-  bool window = true;  // opens a window if there is a display
+  bool refine_map = false;  // refines the tag map while tracking (MapRefinement)
+  bool window = true;       // opens a window if there is a display
   ViewerOptions viewer;
   // 1: stages run one after another; more: stages run in parallel, with the same results.
   int threads = 2;
@@ -29,6 +30,7 @@ struct RunRequest : OutputRequest, SessionOptions {
 inline void describe_run(const RunRequest& request, const GlContext& context,
                          const Session& session, RunReport& report) {
   report.scene = request.scene.string();
+  if (request.refined_map) report.refined_map = request.refined_map->string();
   report.threads = request.threads;
   report.msaa_samples = session.samples();
   report.pixel_buffers = session.pixel_buffers();
