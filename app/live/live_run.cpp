@@ -243,8 +243,9 @@ void LiveLoop::refine_map(const TrackedFrame& tracked) {
   if (!refinement_) return;
   const auto map = refinement_->observe(tracked);
   if (!map) return;
-  if (const auto set = setup_.session->set_tag_map(*map); !set)
-    log_warning("the refined tag map is not used: {}", set.error().message);
+  auto set = setup_.session->set_tag_map(*map);
+  if (set) set = setup_.residual_watch->restart(*map);
+  if (!set) log_warning("the refined tag map is not used: {}", set.error().message);
 }
 
 void LiveLoop::record_faults() {

@@ -292,8 +292,10 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   TrackedFrame done = setup_.view->track(*frame);
   if (image_faults_) image_faults_->observe(done);
   if (refinement_) {
-    if (const auto map = refinement_->observe(done))
+    if (const auto map = refinement_->observe(done)) {
       PENUMBRA_TRY_VOID(setup_.view->set_tag_map(*map));
+      PENUMBRA_TRY_VOID(setup_.residual_watch->restart(*map));
+    }
   }
   if (setup_.residual_watch) setup_.residual_watch->observe(done);
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});

@@ -86,6 +86,17 @@ Result<std::unique_ptr<ResidualWatch>> ResidualWatch::create(const CameraModel& 
       new ResidualWatch(camera, std::move(tags), std::move(meter)));
 }
 
+Result<void> ResidualWatch::restart(const TagMap& map) {
+  tags_ = spread_tags(map, kMaxTags);
+  PENUMBRA_TRY(meter_, TagCornerMeter::create(camera_, tags_));
+  frames_.clear();
+  latest_.reset();
+  error_px_ = 0.0;
+  const std::lock_guard lock(mutex_);
+  found_.reset();
+  return {};
+}
+
 void ResidualWatch::observe(TrackedFrame& tracked) {
   const Frame& frame = tracked.frame;
   TimedPose here{frame.timestamp_ns, std::nullopt};

@@ -33,6 +33,9 @@ class ResidualWatch {
   void observe(TrackedFrame& tracked);
   static constexpr int kMaxFrames = 64;
 
+  // Continues with another map of the same tags; forgets what was found with the previous one.
+  [[nodiscard]] Result<void> restart(const TagMap& tags);
+
   // Returns the result of the latest test that found a cause; nullopt if more frames refuted it.
   [[nodiscard]] std::optional<ResidualCauses> found() const;
 

@@ -44,6 +44,7 @@ struct TagCornerMeter::Impl {
 
 TagCornerMeter::TagCornerMeter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 TagCornerMeter::TagCornerMeter(TagCornerMeter&&) noexcept = default;
+TagCornerMeter& TagCornerMeter::operator=(TagCornerMeter&&) noexcept = default;
 TagCornerMeter::~TagCornerMeter() = default;
 
 Result<TagCornerMeter> TagCornerMeter::create(const CameraModel& camera,

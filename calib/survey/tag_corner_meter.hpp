@@ -19,6 +19,7 @@ class TagCornerMeter {
   [[nodiscard]] static Result<TagCornerMeter> create(const CameraModel& camera,
                                                      std::span<const MappedTag> tags);
   TagCornerMeter(TagCornerMeter&&) noexcept;
+  TagCornerMeter& operator=(TagCornerMeter&&) noexcept;
   ~TagCornerMeter();
 
   // Returns the indices of the tags that face the camera with all corners in the image.
