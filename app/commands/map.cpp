@@ -1,13 +1,18 @@
 // penumbra map: surveys the tags in a recording and writes their tags.yaml.
 
+#include <fmt/chrono.h>
+
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stop_token>
 #include <utility>
+#include <vector>
 
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
@@ -18,7 +23,9 @@
 #include "app/recording/recording_source.hpp"
 #include "app/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
+#include "calib/solver/table_volume.hpp"
 #include "calib/survey/edge_survey.hpp"
+#include "calib/survey/lens_refinement.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -40,27 +47,82 @@ struct MapOptions {
   SurveyOptions survey;
 };
 
-tl::unexpected<Error> ended_early(const MapOptions& options) {
-  return fail("{}: ended early; no file was written", options.recording.string());
-}
-
-// Calls `visit(index, luma)` for every frame. Fails if the user interrupts the command.
-template <class Visit>
-Result<void> for_each_luma(const MapOptions& options, const Recording& recording, const char* what,
-                           InterruptWatch& interrupt, const Visit& visit) {
-  PENUMBRA_TRY(auto source, open_recording_source(recording));
-  ProgressBar progress(source->frame_count().value_or(0), what);
-  std::vector<std::uint8_t> scratch;
-  for (std::size_t index = 0;; ++index) {
-    PENUMBRA_TRY(const auto frame, source->next());
-    if (!frame) return {};
-    visit(index, luma(*frame, scratch));
-    progress.update(static_cast<int>(index) + 1);
-    if (interrupt.interrupted()) return ended_early(options);
+// The frames of a recording with their tags.
+class Sweep {
+ public:
+  Sweep(const MapOptions& options, const Recording& recording, const SurveyOptions& survey)
+      : options_(options), recording_(recording), survey_(survey) {
+    interrupt_.hold();
   }
+
+  // Each of these functions fails if the user interrupts the command.
+  Result<void> detect() {
+    PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey_.family}));
+    return for_each_luma("frames", [&](std::size_t, ImageView luma) {
+      frames_.push_back({detector.detect(luma), {}});
+    });
+  }
+  // Measures the edges at the surveyed tag positions, with the surveyed curvature and lens.
+  Result<void> measure_edges(const TagSurvey& at) {
+    return for_each_luma("edges", [&](std::size_t index, ImageView luma) {
+      if (index < frames_.size()) frames_[index] = measured_frame(at, index, frames_[index], luma);
+    });
+  }
+  Result<TagSurvey> survey_with_given_lens() {
+    return survey_by_edges(
+        frames_, [this](std::span<const SurveyFrame>) { return survey(false); },
+        [this](const TagSurvey& at, std::vector<SurveyFrame>&) { return measure_edges(at); });
+  }
+  Result<TagSurvey> survey(bool refine_camera) {
+    auto result = run_stoppable(interrupt_, [&](std::stop_token stop) {
+      survey_.stop = std::move(stop);
+      survey_.refine_camera = refine_camera;
+      return survey_tags(*recording_.camera, frames_, survey_);
+    });
+    if (interrupt_.interrupted()) return ended_early();
+    if (!result) return fail_in(options_.recording.string(), result.error());
+    return result;
+  }
+
+ private:
+  [[nodiscard]] tl::unexpected<Error> ended_early() const {
+    return fail("{}: ended early; no file was written", options_.recording.string());
+  }
+
+  // Calls `visit(index, luma)` for every frame.
+  template <class Visit>
+  Result<void> for_each_luma(const char* what, const Visit& visit) {
+    PENUMBRA_TRY(auto source, open_recording_source(recording_));
+    ProgressBar progress(source->frame_count().value_or(0), what);
+    std::vector<std::uint8_t> scratch;
+    for (std::size_t index = 0;; ++index) {
+      PENUMBRA_TRY(const auto frame, source->next());
+      if (!frame) return {};
+      visit(index, luma(*frame, scratch));
+      progress.update(static_cast<int>(index) + 1);
+      if (interrupt_.interrupted()) return ended_early();
+    }
+  }
+
+  const MapOptions& options_;
+  const Recording& recording_;
+  SurveyOptions survey_;
+  InterruptWatch interrupt_;
+  std::vector<SurveyFrame> frames_;
+};
+
+// Solves for the lens last, so that it does not compensate curved paper.
+Result<TagSurvey> survey_sweep(Sweep& sweep, bool refine_camera) {
+  PENUMBRA_TRY_VOID(sweep.detect());
+  PENUMBRA_TRY(auto result, sweep.survey_with_given_lens());
+  if (!refine_camera) return result;
+  PENUMBRA_TRY(result, sweep.survey(true));
+  if (!result.lens_is_refined()) return result;
+  PENUMBRA_TRY_VOID(sweep.measure_edges(result));
+  return sweep.survey(true);
 }
 
-void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
+void print_tags(const TagSurvey& survey, const MapOptions& options) {
   for (const std::string& line : survey.left_out) fmt::print("rejected: {}\n", line);
   fmt::print("{:>5}{:>9}{:>11}{:>11}{:>11}{:>15}\n", "tag", "frames", "x [mm]", "y [mm]", "z [mm]",
              "1 sigma [mm]");
@@ -89,27 +151,89 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
   } else {
     fmt::print("table: the plane of tag {}\n", options.survey.anchor);
   }
-  if (!options.refined_camera.empty()) {
-    const CameraParameters& p = survey.camera.parameters();
-    const ProjectionDifference difference = projection_difference(survey.camera, given);
-    fmt::print(
-        "camera: fx {:.3f} +- {:.3f}  fy {:.3f} +- {:.3f} px, {:.3f} px from the given one on "
-        "average: {}\n",
-        p.fx, std::sqrt(survey.lens_covariance(0, 0)), p.fy,
-        std::sqrt(survey.lens_covariance(1, 1)), difference.mean_px,
-        options.refined_camera.string());
+}
+
+Eigen::VectorXd lens_parameters(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const int count = coefficient_count(p.model);
+  Eigen::VectorXd lens(4 + count);
+  lens << p.fx, p.fy, p.cx, p.cy, Eigen::Map<const Eigen::VectorXd>(p.distortion.data(), count);
+  return lens;
+}
+
+void print_lens(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
+  const std::string file = options.refined_camera.string();
+  if (!survey.lens_is_refined()) {
+    fmt::print("camera: the given lens, because the sweep does not show a better one: {}\n", file);
+    return;
   }
-  fmt::print("tags: {}{}\n", options.output.string(),
-             survey.left_out.empty() ? ""
-                                     : fmt::format(" ({} tags; {} rejected)", survey.tags.size(),
-                                                   survey.left_out.size()));
+  fmt::print(
+      "camera: refined lens, which reduces the squared residuals of other frames by {:.0f} %: {}\n",
+      survey.lens_gain * 100.0, file);
+  fmt::print("{:>5}{:>14}{:>12}{:>14}{:>12}\n", "", "given", "1 sigma", "refined", "1 sigma");
+  const Eigen::VectorXd before = lens_parameters(given);
+  const Eigen::VectorXd after = lens_parameters(survey.camera);
+  constexpr std::array kNames = {"fx", "fy", "cx", "cy"};
+  for (Eigen::Index i = 0; i < after.size(); ++i) {
+    const auto index = static_cast<std::size_t>(i);
+    const std::string name =
+        index < 4 ? kNames[index] : coefficient_name(given.parameters().model, index - 4);
+    fmt::print("{:>5}{:>14.5f}{:>12.5f}{:>14.5f}{:>12.5f}\n", name, before[i],
+               std::sqrt(survey.lens_prior(i, i)), after[i],
+               std::sqrt(survey.lens_covariance(i, i)));
+  }
+  const Eigen::VectorXd change = after - before;
+  const auto moved_px = lens_overlay_px(survey.camera, change * change.transpose());
+  const auto prior_px = lens_overlay_px(survey.camera, survey.lens_prior);
+  const auto sigma_px = lens_overlay_px(survey.camera, survey.lens_covariance);
+  if (!moved_px || !prior_px || !sigma_px) return;
+  fmt::print(
+      "over the table, objects move by {:.2f} px; 1 sigma of the lens: {:.2f} px before, {:.2f} px "
+      "now\n",
+      *moved_px, *prior_px, *sigma_px);
+}
+
+CalibrationRecord record_of(const TagSurvey& survey) {
+  CalibrationRecord record;
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  record.calibrated_on = fmt::format("{:%Y-%m-%d}", *localtime_r(&now, &local));
+  record.target = fmt::format("{} tags of penumbra map", survey.tags.size());
+  record.views = survey.frames_used;
+  record.rms_px = survey.rms_px;
+  const UncertaintyMap projection = uncertainty_map(survey.camera, survey.lens_covariance);
+  record.projection_mean_px = projection.mean_px;
+  record.projection_largest_px = projection.largest_px;
+  if (const auto table = table_volume_uncertainty(survey.camera, survey.lens_covariance)) {
+    record.table_distance_m = table->distance_m;
+    record.table_tracked_px.assign(table->tracked_px.begin(), table->tracked_px.end());
+    record.table_known_pose_px.assign(table->known_pose_px.begin(), table->known_pose_px.end());
+  }
+  const Eigen::VectorXd sigmas = survey.lens_covariance.diagonal().cwiseSqrt();
+  record.standard_deviations.assign(sigmas.begin(), sigmas.end());
+  return record;
+}
+
+Result<void> write_files(const TagSurvey& survey, OutputFile& tags,
+                         std::optional<OutputFile>& camera) {
+  if (auto saved = save_tag_survey(tags.partial(), survey); !saved)
+    return tags.failed(saved.error());
+  std::vector<OutputFile*> files = {&tags};
+  if (camera) {
+    const auto record = survey.lens_is_refined() ? std::optional(record_of(survey)) : std::nullopt;
+    if (auto saved = save_camera(camera->partial(), survey.camera, CameraFileFormat::ros,
+                                 record ? &*record : nullptr);
+        !saved)
+      return camera->failed(saved.error());
+    files.push_back(&*camera);
+  }
+  return commit_together(files);
 }
 
 Result<ExitCode> run_map(const MapOptions& options) {
   SurveyOptions survey = options.survey;
   survey.family = *tag_family_from_string(options.family);
   survey.plane = options.plane == "anchor" ? SurveyPlane::anchor : SurveyPlane::fitted;
-  survey.refine_camera = !options.refined_camera.empty();
   if (!options.sizes.empty()) {
     PENUMBRA_TRY(survey.sizes_m, load_tag_sizes(options.sizes));
   }
@@ -120,46 +244,21 @@ Result<ExitCode> run_map(const MapOptions& options) {
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
   recording.camera_file = options.camera;
   PENUMBRA_TRY(recording.camera, load_chosen_camera(recording.camera_file, options.camera_name));
-  InterruptWatch interrupt;
-  interrupt.hold();
+  survey.lens_sigmas = load_lens_sigmas(recording.camera_file);
+  Sweep sweep(options, recording, survey);
   PENUMBRA_TRY(auto output, OutputFile::create(options.output));
   std::optional<OutputFile> refined_camera;
   if (!options.refined_camera.empty()) {
     PENUMBRA_TRY(refined_camera, OutputFile::create(options.refined_camera));
   }
-  PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey.family}));
-  std::vector<SurveyFrame> frames;
-  PENUMBRA_TRY_VOID(
-      for_each_luma(options, recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
-        frames.push_back({detector.detect(luma), {}});
-      }));
-  const auto survey_all = [&](std::span<const SurveyFrame> all) -> Result<TagSurvey> {
-    auto result = run_stoppable(interrupt, [&](std::stop_token stop) {
-      survey.stop = std::move(stop);
-      return survey_tags(*recording.camera, all, survey);
-    });
-    if (interrupt.interrupted()) return ended_early(options);
-    if (!result) return fail_in(options.recording.string(), result.error());
-    return result;
-  };
-  const auto measure_all = [&](const TagSurvey& surveyed, std::vector<SurveyFrame>& all) {
-    return for_each_luma(options, recording, "edges", interrupt,
-                         [&](std::size_t index, ImageView luma) {
-                           if (index < all.size())
-                             all[index] = measured_frame(surveyed, index, all[index], luma);
-                         });
-  };
-  PENUMBRA_TRY(const auto result, survey_by_edges(std::move(frames), survey_all, measure_all));
-  if (auto saved = save_tag_survey(output.partial(), result); !saved)
-    return output.failed(saved.error());
-  if (refined_camera) {
-    if (auto saved = save_camera(refined_camera->partial(), result.camera); !saved)
-      return refined_camera->failed(saved.error());
-  }
-  std::vector<OutputFile*> files = {&output};
-  if (refined_camera) files.push_back(&*refined_camera);
-  PENUMBRA_TRY_VOID(commit_together(files));
-  print_survey(result, *recording.camera, options);
+  PENUMBRA_TRY(const auto result, survey_sweep(sweep, refined_camera.has_value()));
+  PENUMBRA_TRY_VOID(write_files(result, output, refined_camera));
+  print_tags(result, options);
+  if (refined_camera) print_lens(result, *recording.camera, options);
+  fmt::print("tags: {}{}\n", options.output.string(),
+             result.left_out.empty() ? ""
+                                     : fmt::format(" ({} tags; {} rejected)", result.tags.size(),
+                                                   result.left_out.size()));
   return ExitCode::success;
 }
 
@@ -195,7 +294,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
                     "anchor's")
       ->capture_default_str();
   add_option(command, "--refine-camera", "camera.yaml", options->refined_camera,
-             "Solve for the lens too, and write it here");
+             "Correct the lens of the camera file too, and write it here");
   add_option(command, "--output", "tags.yaml", options->output,
              "Poses of the tags, with covariance")
       ->required();

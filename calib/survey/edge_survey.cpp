@@ -36,7 +36,7 @@ std::vector<int> ids_of(const TagSurvey& survey) {
 
 }  // namespace
 
-Result<TagSurvey> survey_by_edges(std::vector<SurveyFrame> frames, const RunSurvey& survey,
+Result<TagSurvey> survey_by_edges(std::vector<SurveyFrame>& frames, const RunSurvey& survey,
                                   const MeasureFrames& measure) {
   PENUMBRA_TRY(TagSurvey result, survey(frames));
   for (int round = 0; round < kMaxRounds; ++round) {

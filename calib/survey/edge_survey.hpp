@@ -17,8 +17,8 @@ using MeasureFrames = std::function<Result<void>(const TagSurvey&, std::vector<S
 
 // Surveys detected tags, then measures their edges at the surveyed poses, on paper with the
 // surveyed curvature, and surveys again. Repeats this while tags are rejected or the curvature
-// changes, up to four times.
-[[nodiscard]] Result<TagSurvey> survey_by_edges(std::vector<SurveyFrame> frames,
+// changes, up to four times. `frames` then has the measured edges.
+[[nodiscard]] Result<TagSurvey> survey_by_edges(std::vector<SurveyFrame>& frames,
                                                 const RunSurvey& survey,
                                                 const MeasureFrames& measure);
 

@@ -97,7 +97,7 @@ Result<TagSurvey> survey_keyframes(const CameraModel& camera, const TagMap& map,
     }
     return {};
   };
-  return survey_by_edges(std::move(frames), survey, measure);
+  return survey_by_edges(frames, survey, measure);
 }
 
 // A surveyed tag and the same tag in the given map.

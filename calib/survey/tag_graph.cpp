@@ -1,6 +1,7 @@
 #include "calib/survey/tag_graph.hpp"
 
 #include <ceres/ceres.h>
+#include <ceres/normal_prior.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
@@ -65,7 +66,7 @@ double TagPlacement::median_px() const {
 }
 
 Result<CameraModel> TagGraph::camera() const {
-  if (!lens_is_free) return start_;
+  if (lens_prior.size() == 0) return start_;
   CameraParameters p = start_.parameters();
   set_lens(p, lens_);
   p.overlay_sigma_px.reset();  // valid only for the given lens
@@ -237,23 +238,30 @@ void TagGraph::build(ceres::Problem& problem, bool robust) {
   problem.AddResidualBlock(new ceres::AutoDiffCostFunction<ShiftPrior, 1, 1>(new ShiftPrior),
                            nullptr, &shift);
   if (!shift_is_free) problem.SetParameterBlockConstant(&shift);
-  if (problem.HasParameterBlock(lens_.data())) {
-    const int used = 4 + coefficient_count(model);
-    if (!lens_is_free) {
-      problem.SetParameterBlockConstant(lens_.data());
-    } else if (used < kLensSize) {
-      std::vector<int> unused;
-      for (int i = used; i < kLensSize; ++i) unused.push_back(i);
-      problem.SetManifold(lens_.data(), new ceres::SubsetManifold(kLensSize, unused));
-    }
-  }
+  if (problem.HasParameterBlock(lens_.data())) add_lens_prior(problem);
   Pose6& anchor = tags.at(anchor_);
   if (problem.HasParameterBlock(anchor.data())) problem.SetParameterBlockConstant(anchor.data());
 }
 
-bool TagGraph::adjust(bool robust) {
-  ceres::Problem problem;
-  build(problem, robust);
+void TagGraph::add_lens_prior(ceres::Problem& problem) {
+  if (lens_prior.size() == 0) {
+    problem.SetParameterBlockConstant(lens_.data());
+    return;
+  }
+  const auto used = static_cast<int>(lens_prior.rows());
+  Eigen::MatrixXd whitening = Eigen::MatrixXd::Zero(used, kLensSize);
+  whitening.leftCols(used) =
+      prior_noise * lens_prior.llt().matrixL().solve(Eigen::MatrixXd::Identity(used, used));
+  const LensParameters given = lens_of(start_.parameters());
+  const Eigen::Map<const Eigen::VectorXd> mean(given.data(), kLensSize);
+  problem.AddResidualBlock(new ceres::NormalPrior(whitening, mean), nullptr, lens_.data());
+  if (used == kLensSize) return;
+  std::vector<int> unused;
+  for (int i = used; i < kLensSize; ++i) unused.push_back(i);
+  problem.SetManifold(lens_.data(), new ceres::SubsetManifold(kLensSize, unused));
+}
+
+std::optional<double> TagGraph::solve(ceres::Problem& problem) {
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = 60;
@@ -263,7 +271,33 @@ bool TagGraph::adjust(bool robust) {
   options.callbacks.push_back(&ends);
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  return summary.IsSolutionUsable();
+  return summary.IsSolutionUsable() ? std::optional(summary.final_cost) : std::nullopt;
+}
+
+bool TagGraph::adjust(bool robust) {
+  ceres::Problem problem;
+  build(problem, robust);
+  return solve(problem).has_value();
+}
+
+std::optional<double> TagGraph::fit_cameras() {
+  ceres::Problem problem;
+  for_each([&](std::size_t f, const TagSighting& sighting, Pose6& tag) {
+    problem.AddResidualBlock(
+        new SightingFunction(new SightingCost{&sighting, start_.parameters().model}), nullptr,
+        cameras[f]->data(), tag.data(), &shift, lens_.data());
+    for (double* known : {tag.data(), &shift, lens_.data()})
+      problem.SetParameterBlockConstant(known);
+  });
+  const std::optional<double> cost = solve(problem);
+  return cost ? std::optional(2.0 * *cost) : std::nullopt;
+}
+
+TagGraph TagGraph::with_lens_prior(const Eigen::MatrixXd& prior) const {
+  TagGraph result = *this;
+  result.lens_ = lens_of(start_.parameters());
+  result.lens_prior = prior;
+  return result;
 }
 
 bool TagGraph::drop_outliers(double& rms_px) {

@@ -45,6 +45,8 @@ struct GraphCovariance {
   std::vector<int> ids;  // tag ids; each has six rows in `tags`
   Eigen::MatrixXd tags;
   double covariance_inflation = 1.0;  // factor for correlated errors of neighbouring frames
+  // For a free lens: sigma of a whitened residual that accounts for all errors of the lens.
+  double lens_noise = 1.0;
 };
 
 // Pose and size of a tag, estimated from all posed frames that show it.
@@ -70,8 +72,10 @@ class TagGraph {
   std::vector<std::optional<Pose6>> cameras;  // T_camera_anchor of each frame
   double shift = 0.0;                         // outward edge shift of tags without MeasuredTag [px]
   bool shift_is_free = true;
-  bool lens_is_free = false;
-  std::stop_token stop;  // once requested, all functions end soon without a usable result
+  // Covariance of the prior of the lens, whose mean is the given lens; empty: the lens is fixed.
+  Eigen::MatrixXd lens_prior;
+  double prior_noise = 1.0;  // sigma of a whitened residual; weighs the prior
+  std::stop_token stop;      // once requested, all functions end soon without a usable result
 
   // Returns the given or solved lens. Fails if the solved parameters are not valid.
   [[nodiscard]] Result<CameraModel> camera() const;
@@ -94,7 +98,11 @@ class TagGraph {
   bool adjust(bool robust);
   // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of kept corners.
   bool drop_outliers(double& rms_px);
-  [[nodiscard]] Result<GraphCovariance> covariance();
+  [[nodiscard]] Result<GraphCovariance> covariance() const;
+  // Returns a copy that has the given lens, with another prior.
+  [[nodiscard]] TagGraph with_lens_prior(const Eigen::MatrixXd& prior) const;
+  // Fits the cameras alone; returns the sum of squared whitened residuals, or nullopt if it fails.
+  [[nodiscard]] std::optional<double> fit_cameras();
 
  private:
   void measure(TagPlacement& fit, const std::vector<PosedSighting>& seen,
@@ -103,6 +111,9 @@ class TagGraph {
   template <class Visit>
   void for_each(const Visit& visit);
   void build(ceres::Problem& problem, bool robust);
+  void add_lens_prior(ceres::Problem& problem);
+  // Returns the final cost, or nullopt if it fails.
+  [[nodiscard]] std::optional<double> solve(ceres::Problem& problem);
 
   CameraModel start_;
   int anchor_;

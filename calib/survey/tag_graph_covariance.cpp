@@ -58,9 +58,9 @@ struct SeenTag {
 
 }  // namespace
 
-Result<GraphCovariance> TagGraph::covariance() {
+Result<GraphCovariance> TagGraph::covariance() const {
   const DistortionModel model = start_.parameters().model;
-  const int n_lens = lens_is_free ? 4 + coefficient_count(model) : 0;
+  const Eigen::Index n_lens = lens_prior.rows();
   GraphCovariance result;
   std::map<int, Eigen::Index> first;  // first row of each tag
   std::map<int, Eigen::Matrix<double, 6, 6>> tangents;
@@ -74,6 +74,11 @@ Result<GraphCovariance> TagGraph::covariance() {
   const Eigen::Index n = n_lens + 1 + kTagSize * static_cast<Eigen::Index>(result.ids.size());
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
   S(n_lens, n_lens) = 1.0 / (kGraphShiftPrior * kGraphShiftPrior);
+  if (n_lens > 0) {
+    S.topLeftCorner(n_lens, n_lens) =
+        prior_noise * prior_noise *
+        lens_prior.llt().solve(Eigen::MatrixXd::Identity(n_lens, n_lens));
+  }
   std::vector<Eigen::VectorXd> scores;  // per frame: gradients with marginalised camera
   // Per tag: d gradient / d common errors (equal in all frames) of its corners along its edges.
   std::map<int, Eigen::MatrixXd> common;
@@ -163,6 +168,16 @@ Result<GraphCovariance> TagGraph::covariance() {
   for (const auto& [id, response] : common) {
     const Eigen::MatrixXd moved = inverse * response * common_px;
     covariance += moved * moved.transpose();
+  }
+  if (n_lens > 0) {
+    const double variance = noise * noise * result.covariance_inflation;
+    const Eigen::ArrayXd independent = variance * inverse.diagonal().head(n_lens).array();
+    const Eigen::ArrayXd total = covariance.diagonal().head(n_lens).array();
+    result.lens_noise = std::sqrt(variance * (total / independent).mean());
+    // The errors of the prior have the sigma `prior_noise` instead.
+    const double prior_variance = prior_noise * prior_noise;
+    covariance += prior_variance * (prior_variance - variance) * inverse.leftCols(n_lens) *
+                  lens_prior.llt().solve(Eigen::MatrixXd(inverse.topRows(n_lens)));
   }
   result.lens = covariance.topLeftCorner(n_lens, n_lens);
   result.tags = covariance.bottomRightCorner(n - n_lens - 1, n - n_lens - 1);

@@ -12,6 +12,7 @@
 #include <set>
 #include <utility>
 
+#include "calib/survey/lens_refinement.hpp"
 #include "calib/survey/paper_shape.hpp"
 #include "calib/survey/tag_graph.hpp"
 #include "core/propagate.hpp"
@@ -27,7 +28,6 @@ namespace {
 constexpr double kMaxEdgeShift_px = 0.5;
 constexpr double kMaxTilt = radians(6.0);  // maximum angle between tags of one table
 constexpr double kMaxHeightRatio = 0.03;   // maximum height over the plane / tag size
-constexpr double kMaxLensSigma = 0.02;     // maximum relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
@@ -166,6 +166,7 @@ struct SurveyInput {
   std::vector<std::size_t> of;  // for each used frame: its index among the given frames
   std::map<int, int> seen;      // number of used frames by tag id
   std::set<int> without_size;
+  Eigen::MatrixXd lens_prior;  // empty: the lens is fixed
 };
 
 SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> frames,
@@ -283,9 +284,9 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
     graph = without_shift;
     settled = adjust();
   }
-  if (settled && options.refine_camera) {
-    graph.lens_is_free = true;
-    settled = adjust();
+  if (settled && input.lens_prior.size() > 0) {
+    graph.lens_prior = input.lens_prior;
+    settled = adjust_lens(graph) && adjust() && adjust_lens(graph);
   }
   if (!settled) return fail("the positions of the tags do not converge; sweep slower");
   std::map<int, std::pair<int, int>> counts;  // sightings, and those without outliers
@@ -447,6 +448,33 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
   }
 }
 
+struct LensAgreement {
+  Agreement agreement;
+  double lens_gain = 0.0;
+};
+
+// Solves for the lens as well, if that gives a better lens than the given one. Tries the
+// uncertainty of the camera file first, then that of another focus.
+Result<LensAgreement> agree_on_lens(const CameraModel& camera, SurveyInput input,
+                                    const SurveyOptions& options) {
+  PENUMBRA_TRY(auto with_given_lens, agree(camera, input, options.anchor, options));
+  LensAgreement result{std::move(with_given_lens), 0.0};
+  if (!options.refine_camera) return result;
+  for (const Eigen::MatrixXd& prior :
+       {lens_prior_of(camera, options.lens_sigmas), typical_lens_prior(camera)}) {
+    if (prior.size() == 0) continue;
+    input.lens_prior = prior;
+    auto refined = agree(camera, input, options.anchor, options);
+    if (options.stop.stop_requested()) return fail("ended early");
+    if (!refined) continue;
+    const TagGraph& graph = refined->settled.graph;
+    if (!is_better_lens(graph, result.agreement.settled.graph.lens_prior)) continue;
+    result.lens_gain = lens_gain(graph, {});
+    result.agreement = std::move(*refined);
+  }
+  return result;
+}
+
 // Returns true if the anchor may be wrong, because too many tags are inconsistent with it.
 bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, int anchor) {
   const auto lost = agreement.settled.lost.find(anchor);
@@ -531,7 +559,8 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     return fail("the anchor, tag {}, is never seen{}; choose one of {}", options.anchor,
                 input.without_size.count(options.anchor) > 0 ? " with a size" : "", joined(ids));
   }
-  PENUMBRA_TRY(auto agreement, agree(camera, input, options.anchor, options));
+  PENUMBRA_TRY(auto agreed, agree_on_lens(camera, input, options));
+  Agreement& agreement = agreed.agreement;
   if (anchor_is_doubtful(agreement, input, options.anchor))
     return doubtful_anchor_error(camera, input, options);
   TagGraph& graph = agreement.settled.graph;
@@ -544,24 +573,10 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
         result.rms_px);
   }
   PENUMBRA_TRY(const auto covariance, graph.covariance());
-  Result<CameraModel> lens = graph.camera();
-  if (!lens) {
-    return fail(
-        "the sweep determines no lens ({}); look at the tags from lower and from more sides, or "
-        "leave the camera as it is",
-        lens.error().message);
-  }
-  result.camera = std::move(*lens);
+  PENUMBRA_TRY(result.camera, graph.camera());
   result.lens_covariance = covariance.lens;
-  if (options.refine_camera) {
-    const double spread = std::sqrt(covariance.lens(0, 0)) / result.camera.parameters().fx;
-    if (!(spread < kMaxLensSigma)) {
-      return fail(
-          "the sweep determines the focal length only to {:.1f} %; look at the tags from lower and "
-          "from more sides, or leave the camera as it is",
-          spread * 100.0);
-    }
-  }
+  result.lens_prior = graph.lens_prior;
+  result.lens_gain = agreed.lens_gain;
   result.covariance_inflation = covariance.covariance_inflation;
   result.edge_shift_px = graph.shift;
   result.cameras.resize(frames.size());

@@ -38,8 +38,13 @@ struct SurveyOptions {
   int max_frames = 150;  // uses every n-th frame if there are more
   // Solves for one outward edge shift (camera response, blur) of all tags without MeasuredTag.
   bool edge_shift = true;
-  bool refine_camera = false;  // solves for the lens as well
-  std::stop_token stop;        // once requested, the survey fails soon
+  // Solves for the lens as well. The given lens remains if the refined one is not clearly better
+  // (is_better_lens()).
+  bool refine_camera = false;
+  // Standard deviations of fx, fy, cx, cy [px] and the distortion coefficients of the given lens;
+  // empty if unknown.
+  std::vector<double> lens_sigmas;
+  std::stop_token stop;  // once requested, the survey fails soon
 };
 
 struct SurveyedTag {
@@ -71,7 +76,13 @@ struct TagSurvey {
   bool is_curved = false;
   double plane_tilt_rad = 0.0;      // angle between the plane and the anchor
   CameraModel camera;               // given or refined lens
-  Eigen::MatrixXd lens_covariance;  // as in CalibrationSolution
+  Eigen::MatrixXd lens_covariance;  // as in CalibrationSolution; empty for the given lens
+  Eigen::MatrixXd lens_prior;       // covariance before the refinement; empty for the given lens
+  // Fraction by which the refined lens reduces the squared residuals of frames that it was not
+  // solved from. See lens_gain().
+  double lens_gain = 0.0;
+
+  [[nodiscard]] bool lens_is_refined() const { return lens_prior.size() > 0; }
 };
 
 // Tags of one frame: detections and, if available, edge measurements.

@@ -74,6 +74,10 @@ struct CalibrationRecord {
 // integer n scales both sides. Clears rolling_shutter_row_s, which is unknown at the other size.
 [[nodiscard]] Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height);
 
+// Returns `uncertainty.standard_deviations`: fx, fy, cx, cy [px] and the distortion coefficients.
+// Returns an empty list if the file has none.
+[[nodiscard]] std::vector<double> load_lens_sigmas(const std::filesystem::path& camera_file);
+
 // Returns `focus_position` [unit of the camera's focus control], or nullopt if the file has none.
 [[nodiscard]] std::optional<double> load_focus_position(const std::filesystem::path& camera_file);
 

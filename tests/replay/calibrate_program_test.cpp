@@ -756,7 +756,8 @@ TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
   EXPECT_EQ(found->tags().size(), 11U);
 }
 
-TEST_F(MapCommand, RefinesCameraWhenRequested) {
+// The lens of `tabletop` is true, so it stays as it is.
+TEST_F(MapCommand, KeepsTrueLens) {
   const auto tags = folder() / "tags.yaml";
   const auto camera = folder() / "refined.yaml";
   const auto thinned = folder() / "thinned";
@@ -766,13 +767,39 @@ TEST_F(MapCommand, RefinesCameraWhenRequested) {
                         tags.string(), "--refine-camera", camera.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto found = load_camera(camera);
-  ASSERT_TRUE(found) << found.error().message;
-  EXPECT_NEAR(found->parameters().fx, 531.7, 5.0);
-  EXPECT_THAT(result.out, HasSubstr("camera: fx"));
+  const auto truth = load_camera(thinned / "camera.yaml");
+  ASSERT_TRUE(found && truth);
+  EXPECT_EQ(found->parameters().fx, truth->parameters().fx);
+  EXPECT_EQ(found->parameters().distortion, truth->parameters().distortion);
+  EXPECT_THAT(result.out, HasSubstr("camera: the given lens, "));
   const auto same = test::run_program(
       test::program(), {"map", thinned.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
                         tags.string(), "--refine-camera", tags.string()});
   EXPECT_EQ(same.exit_code, 2) << same.err;
+}
+
+TEST_F(MapCommand, CorrectsWrongLens) {
+  const auto camera = folder() / "refined.yaml";
+  const auto source = folder() / "source";
+  test::write_thinned_recording(source, shared("recordings/lens"), test::nightly() ? 1 : 2);
+  const auto result = test::run_program(
+      test::program(), {"map", source.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
+                        (folder() / "tags.yaml").string(), "--refine-camera", camera.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("camera: refined lens, "));
+  const auto found = load_camera(camera);
+  const auto truth = load_camera(shared("recordings/lens/camera-true.yaml"));
+  ASSERT_TRUE(found && truth);
+  const CameraParameters& p = found->parameters();
+  const CameraParameters& q = truth->parameters();
+  const auto sigmas = load_lens_sigmas(camera);
+  ASSERT_EQ(sigmas.size(), 9U);
+  EXPECT_LT(std::abs(p.fx - q.fx), 3.0 * sigmas[0]);
+  EXPECT_LT(std::abs(p.cy - q.cy), 3.0 * sigmas[3]);
+  EXPECT_LT(std::abs(p.fx - q.fx), 1.5) << "3.2 px in the given file";
+  EXPECT_LT(std::abs(p.distortion[0] - q.distortion[0]), 0.004) << "0.02 in the given file";
+  ASSERT_TRUE(p.overlay_sigma_px);
+  EXPECT_LT(*p.overlay_sigma_px, 1.0);
 }
 
 }  // namespace

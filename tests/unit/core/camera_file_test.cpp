@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <tuple>
 #include <utility>
 
@@ -121,6 +122,22 @@ TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
     ASSERT_TRUE(read) << read.error().message;
     EXPECT_EQ(read->parameters().overlay_sigma_px, 2.5);
   }
+}
+
+TEST_F(CameraFile, ReadsStandardDeviationsOfLens) {
+  const CameraModel camera = test::pinhole_camera();
+  ASSERT_TRUE(save_camera(file_, camera));
+  EXPECT_TRUE(load_lens_sigmas(file_).empty());
+  CalibrationRecord record;
+  record.standard_deviations = {0.5, 0.25, 1.0, 2.0, 0.0};
+  for (const auto format : {CameraFileFormat::ros, CameraFileFormat::opencv}) {
+    ASSERT_TRUE(save_camera(file_, camera, format, &record));
+    EXPECT_EQ(load_lens_sigmas(file_), record.standard_deviations);
+  }
+  record.standard_deviations[1] = std::numeric_limits<double>::infinity();
+  ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::ros, &record));
+  EXPECT_TRUE(load_lens_sigmas(file_).empty());
+  EXPECT_TRUE(load_lens_sigmas(file_.string() + ".missing").empty());
 }
 
 // With k1 = -5000 the lens is monotonic only in a fortieth of the image.
