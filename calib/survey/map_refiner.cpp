@@ -27,7 +27,7 @@ namespace {
 // given map may be exact, and errors that all frames have in common would bend it.
 constexpr double kMaxOfGiven = 0.7;
 // A refined map was made from some of these keyframes, so its error is slightly too small.
-constexpr double kMaxOfRefined = 1.1;
+constexpr double kMaxOfRefined = 1.25;
 constexpr std::size_t kMinSightings = 8;  // minimum number of tag sightings to compare two maps
 // Sightings whose error exceeds this multiple of the median are covered or misread.
 constexpr double kOutlier = 4.0;
