@@ -292,6 +292,42 @@ TEST(GroupTracker, LosesGroupsWhenTableIsInvisible) {
   EXPECT_THAT(text_of(last.reason), HasSubstr("table"));
 }
 
+TEST(GroupTracker, ContinuesWithAnotherMapWithoutSearch) {
+  const Stage stage({wall()});
+  std::vector<MappedTag> wrong = stage.tags;
+  for (MappedTag& tag : wrong) {
+    if (tag.group != "table") continue;
+    tag.T_table_tag = {tag.T_table_tag.rotation(),
+                       tag.T_table_tag.translation() + Eigen::Vector3d(0.002, 0.0, 0.001)};
+  }
+  GroupTracker tracker = GroupTracker::create(stage.camera, TagMap::make(wrong).value()).value();
+  for (int f = 0; f < 3; ++f) {
+    const TrackedFrame before = tracker.track(stage.frame_image(f));
+    ASSERT_EQ(before.pose.status, TrackStatus::tracked);
+  }
+  ASSERT_TRUE(tracker.set_map(TagMap::make(stage.tags).value()));
+  for (int f = 3; f < 6; ++f) {
+    const TrackedFrame after = tracker.track(stage.frame_image(f));
+    EXPECT_EQ(after.pose.status, TrackStatus::tracked);
+    EXPECT_FALSE(after.times.full_detection);
+    EXPECT_FALSE(after.times.roi_detection);
+    EXPECT_LT(overlay_difference(stage.camera, after.pose.T_table_camera, stage.truth(f)).rms_px(),
+              0.5);
+    EXPECT_EQ(group_named(after, "wall").status, TrackStatus::tracked);
+  }
+}
+
+TEST(GroupTracker, TakesAnotherMapBeforeTheFirstFrameAndWhileLost) {
+  const Stage stage({});
+  const TagMap map = TagMap::make(stage.tags).value();
+  GroupTracker tracker = GroupTracker::create(stage.camera, map).value();
+  ASSERT_TRUE(tracker.set_map(map));
+  EXPECT_EQ(tracker.track(stage.frame_image(0)).pose.status, TrackStatus::tracked);
+  EXPECT_NE(tracker.track(Frame()).pose.status, TrackStatus::tracked);
+  ASSERT_TRUE(tracker.set_map(map));
+  EXPECT_EQ(tracker.track(stage.frame_image(2)).pose.status, TrackStatus::tracked);
+}
+
 TEST(GroupTracker, IsDeterministic) {
   const Stage stage({wall(), block()});
   GroupTracker a = stage.tracker();

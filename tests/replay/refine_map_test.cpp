@@ -1,0 +1,97 @@
+// replay and live with --refine-map.
+#include <gmock/gmock.h>
+
+#include "core/geometry/tag_map.hpp"
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+using testing::HasSubstr;
+
+class RefineMap : public testing::Test {
+ protected:
+  [[nodiscard]] std::string file(const std::string& name) const {
+    return (folder_.path() / name).string();
+  }
+  // Replays a recording without drawing, and returns the report.
+  [[nodiscard]] nlohmann::json replayed(const std::string& recording, const std::string& name,
+                                        std::vector<std::string> more) const {
+    std::vector<std::string> arguments = {"replay",
+                                          recording,
+                                          "--no-window",
+                                          "--scene",
+                                          empty_scene_in(folder_.path()),
+                                          "--poses",
+                                          file(name + ".tum"),
+                                          "--report",
+                                          file(name + ".json")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    out_ = result.out;
+    return read_json(file(name + ".json"));
+  }
+
+  TemporaryFolder folder_;
+  mutable std::string out_;
+};
+
+TEST_F(RefineMap, KeepsMapOfFlatSheet) {
+  const std::string recording = bundled("tabletop");
+  (void)replayed(recording, "plain", {});
+  const nlohmann::json report = replayed(recording, "refined", {"--refine-map", file("map.yaml")});
+  EXPECT_GE(report["map_refinement"]["keyframes"], 8);
+  EXPECT_EQ(report["map_refinement"]["refinements"], 0);
+  EXPECT_EQ(report["map_refinement"]["change_mm"]["max"], 0.0);
+  EXPECT_EQ(report["map_refinement"]["file"], file("map.yaml"));
+  EXPECT_THAT(out_, HasSubstr("tag map: not refined"));
+  EXPECT_EQ(bytes_of(file("refined.tum")), bytes_of(file("plain.tum")));
+  const TagMap given = load_tag_map(std::filesystem::path(recording) / "tags.yaml").value();
+  EXPECT_EQ(bytes_of(file("map.yaml")), tag_map_text(given));
+}
+
+TEST_F(RefineMap, SaysWhyShortRecordingIsNotRefined) {
+  const nlohmann::json report =
+      replayed(bundled("tabletop"), "short", {"--frames", "0:3", "--refine-map"});
+  EXPECT_TRUE(report["map_refinement"]["file"].is_null());
+  EXPECT_THAT(out_, HasSubstr("8 are needed"));
+  EXPECT_THAT(out_, HasSubstr("not written (--refine-map FILE writes it)"));
+}
+
+TEST_F(RefineMap, FindsShapeOfBentSheetWithAnyNumberOfThreads) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::string recording = (shared_dir() / "recordings" / "bent").string();
+  const nlohmann::json report =
+      replayed(recording, "parallel", {"--refine-map", file("parallel.yaml")});
+  (void)replayed(recording, "serial", {"--refine-map", file("serial.yaml"), "--threads", "1"});
+  EXPECT_EQ(bytes_of(file("parallel.tum")), bytes_of(file("serial.tum")));
+  EXPECT_EQ(bytes_of(file("parallel.yaml")), bytes_of(file("serial.yaml")));
+  EXPECT_GE(report["map_refinement"]["refinements"], 3);
+  EXPECT_NEAR(report["map_refinement"]["change_mm"]["rmse"], 1.8, 0.1);
+  EXPECT_EQ(report["frames_tracked"], 64);
+  EXPECT_LT(report["accuracy"]["overlay_px"]["median"], 0.06);  // 1.1 px with the flat map
+  const nlohmann::json again =
+      replayed(recording, "again", {"--tags", file("parallel.yaml"), "--frames", "32:64"});
+  EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 0.097);  // 2.0 px with the flat map
+}
+
+TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::string recording = (shared_dir() / "recordings" / "bent").string();
+  const ProgramResult result =
+      penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
+                empty_scene_in(folder_.path()), "--duration", "8", "--record", file("session"),
+                "--refine-map", file("map.yaml"), "--report", file("live.json")});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const nlohmann::json report = read_json(file("live.json"));
+  EXPECT_GE(report["map_refinement"]["refinements"], 1) << result.out;
+  EXPECT_NEAR(report["map_refinement"]["change_mm"]["rmse"], 1.8, 0.2);
+  EXPECT_TRUE(load_tag_map(file("map.yaml")));
+  // The recording has the map that the session began with.
+  EXPECT_EQ(bytes_of(folder_.path() / "session" / "tags.yaml"),
+            bytes_of(std::filesystem::path(recording) / "tags.yaml"));
+}
+
+}  // namespace
+}  // namespace penumbra::test
