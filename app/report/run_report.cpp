@@ -582,24 +582,20 @@ std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults
 std::string map_refinement_line(const MapRefinementReport& refinement, const std::string& file) {
   std::string line = "tag map: ";
   if (refinement.refinements > 0) {
-    line += fmt::format(
-        "refined {} time{} from {} keyframes; its corners moved by {:.2f} mm (RMS), at most {:.2f} "
-        "mm",
-        refinement.refinements, refinement.refinements == 1 ? "" : "s", refinement.keyframes,
-        refinement.change.rms_m * 1e3, refinement.change.max_m * 1e3);
+    line += fmt::format("refined {} time{} from {} keyframes; ", refinement.refinements,
+                        refinement.refinements == 1 ? "" : "s", refinement.keyframes);
+    line += fmt::format("its corners moved by {:.2f} mm (RMS), at most {:.2f} mm",
+                        refinement.change.rms_m * 1e3, refinement.change.max_m * 1e3);
   } else if (refinement.keyframes < static_cast<int>(MapKeyframes::kRefinementInterval)) {
-    line += fmt::format(
-        "not refined: {} keyframe{} from different sides, {} are needed; move the camera around "
-        "the "
-        "sheet",
-        refinement.keyframes, refinement.keyframes == 1 ? "" : "s",
-        MapKeyframes::kRefinementInterval);
+    line += fmt::format("not refined: {} keyframe{} from different sides, {} are needed; ",
+                        refinement.keyframes, refinement.keyframes == 1 ? "" : "s",
+                        MapKeyframes::kRefinementInterval);
+    line += "move the camera around the sheet";
   } else {
     line += fmt::format("not refined: no refined map explains the {} keyframes clearly better",
                         refinement.keyframes);
   }
-  return line +
-         (file.empty() ? "; not written (--refine-map FILE writes it)\n" : "; " + file + "\n");
+  return line + (file.empty() ? "; not written (--refine-map FILE writes it)" : "; " + file) + "\n";
 }
 
 }  // namespace
