@@ -1,4 +1,4 @@
-// What the residuals of a recording or a run say about the tag map, the lens and the row time.
+// Text and JSON of the causes of residuals: the tag map, the lens and the row time.
 #pragma once
 
 #include <nlohmann/json.hpp>

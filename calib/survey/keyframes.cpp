@@ -52,7 +52,7 @@ bool MapKeyframes::add(ImageView luma, const CameraPose& T_table_camera) {
       !T_table_camera.is_finite())
     return false;
   const std::optional<CameraPose> previous = std::exchange(previous_, T_table_camera);
-  // Only the previous pose tells how fast the camera moves.
+  // Without the previous pose, the speed of the camera is unknown.
   if (!previous ||
       !(overlay_difference(camera_, T_table_camera, *previous).rms_px() < kMaxMotion_px))
     return false;

@@ -268,7 +268,7 @@ std::vector<double> view_residuals_px(const FrameViews& frame, const Eigen::Vect
   return residuals;
 }
 
-// What the overlay is compared with: an image by the true lens, or by the given one.
+// Lens of the image that the overlay is compared with: of the camera, or the given one.
 enum class ImageLens { of_camera, given };
 
 // Overlay error of poses that absorb the effect of these unknowns, RMS over the frames [px].
