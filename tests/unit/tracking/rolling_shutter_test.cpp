@@ -10,6 +10,7 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <utility>
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/paths.hpp"
@@ -187,6 +188,14 @@ TEST_F(RollingShutter, KeepsPriorOfVelocityForSingleTag) {
   }
 }
 
+// Returns the results with the input's prior of the velocity and without it.
+std::pair<AlignmentResult, AlignmentResult> aligned_with_and_without_prior(TagAligner& aligner,
+                                                                           AlignmentInput input) {
+  AlignmentResult with = aligner.align(input);
+  input.velocity_prior.reset();
+  return {std::move(with), aligner.align(input)};
+}
+
 TEST_F(RollingShutter, ImprovesPoseDespiteWrongRowTime) {
   for (const double factor : {0.5, 2.0}) {
     SCOPED_TRACE(factor);
@@ -196,10 +205,7 @@ TEST_F(RollingShutter, ImprovesPoseDespiteWrongRowTime) {
     for (int k = 0; k < 4; ++k) {
       const CameraPose truth = random_view(random_);
       const GreyImage image = rolling_image(renderer_, truth, random_velocity(0.1, 0.4));
-      AlignmentInput input = input_of(image, truth);
-      const AlignmentResult with = aligner.align(input);
-      input.velocity_prior.reset();
-      const AlignmentResult without = aligner.align(input);
+      const auto [with, without] = aligned_with_and_without_prior(aligner, input_of(image, truth));
       ASSERT_TRUE(with.verified && without.verified);
       with2 += std::pow(overlay_px(with.T_map_camera, truth), 2);
       without2 += std::pow(overlay_px(without.T_map_camera, truth), 2);
@@ -214,10 +220,7 @@ TEST_F(RollingShutter, IsInertWithoutRowTime) {
   for (int k = 0; k < 3; ++k) {
     const CameraPose truth = random_view(random_);
     const GreyImage image = rolling_image(renderer_, truth, random_velocity(0.1, 0.4));
-    AlignmentInput input = input_of(image, truth);
-    const AlignmentResult with = aligner.align(input);
-    input.velocity_prior.reset();
-    const AlignmentResult without = aligner.align(input);
+    const auto [with, without] = aligned_with_and_without_prior(aligner, input_of(image, truth));
     EXPECT_FALSE(with.velocity.has_value());
     EXPECT_TRUE(with.T_map_camera.matrix() == without.T_map_camera.matrix());
     EXPECT_TRUE(with.covariance == without.covariance);
