@@ -25,7 +25,7 @@ constexpr double kMinRelative = 1e-3;
 
 // Minimum lens_gain() of a better lens, and maximum of its lens_overlay_px() relative to the
 // prior's.
-constexpr double kMinGain = 0.03;
+constexpr double kMinGain = 0.1;
 constexpr double kMaxOverlayRatio = 0.5;
 // Minimum sigma of a whitened residual. Without noise, the prior would have no weight.
 constexpr double kMinNoise = 0.03;
