@@ -453,6 +453,13 @@ void measure_causes(const CameraModel& camera, std::span<const MappedTag> tags,
     return overlay_px(frames, x, ImageLens::of_camera);
   };
   const Causes significant = significant_causes(result);
+  const BlockFits joint =
+      fit_blocks(frames, tags.size(), all,
+                 significant | bit(static_cast<std::size_t>(ErrorCause::paper)) |
+                     bit(static_cast<std::size_t>(ErrorCause::shutter)));
+  const auto row_time_s = [](const Eigen::VectorXd& x) { return kRowPrior_s * x[x.size() - 1]; };
+  result.joint_row_time_s = row_time_s(joint.x);
+  result.joint_row_time_sigma_s = joint.sigma(row_time_s);
   if (significant != 0) {
     const BlockFits fits = fit_blocks(frames, tags.size(), all, significant);
     result.overlay_px = overlay(fits.x);

@@ -79,6 +79,9 @@ struct ResidualCauses {
   double pose_px = 0.0;
   std::array<CauseEvidence, kErrorCauses> evidence{};  // by ErrorCause
   CauseSizes sizes;
+  // As in `sizes`, but in every case, and from a fit that includes the paper: tags that were mapped
+  // from the same frames have absorbed a part of the shutter's effect.
+  double joint_row_time_s = 0.0, joint_row_time_sigma_s = 0.0;
 
   [[nodiscard]] const CauseEvidence& of(ErrorCause cause) const {
     return evidence[static_cast<std::size_t>(cause)];
