@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <ctime>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -26,6 +27,7 @@
 #include "calib/solver/table_volume.hpp"
 #include "calib/survey/edge_survey.hpp"
 #include "calib/survey/lens_refinement.hpp"
+#include "calib/survey/row_time.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -51,20 +53,27 @@ struct MapOptions {
 class Sweep {
  public:
   Sweep(const MapOptions& options, const Recording& recording, const SurveyOptions& survey)
-      : options_(options), recording_(recording), survey_(survey) {
+      : options_(options), recording_(recording), survey_(survey), camera_(*recording.camera) {
     interrupt_.hold();
+  }
+
+  // The given camera, with the estimated row time if there is one.
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] bool rolls() const {
+    return camera_.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0;
   }
 
   // Each of these functions fails if the user interrupts the command.
   Result<void> detect() {
     PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey_.family}));
-    return for_each_luma("frames", [&](std::size_t, ImageView luma) {
-      frames_.push_back({detector.detect(luma), {}});
+    return for_each_frame("frames", [&](const Frame& frame, std::size_t, ImageView luma) {
+      frames_.push_back(
+          {detector.detect(luma), {}, 1e-9 * static_cast<double>(frame.timestamp_ns)});
     });
   }
   // Measures the edges at the surveyed tag positions, with the surveyed curvature and lens.
   Result<void> measure_edges(const TagSurvey& at) {
-    return for_each_luma("edges", [&](std::size_t index, ImageView luma) {
+    return for_each_frame("edges", [&](const Frame&, std::size_t index, ImageView luma) {
       if (index < frames_.size()) frames_[index] = measured_frame(at, index, frames_[index], luma);
     });
   }
@@ -73,11 +82,24 @@ class Sweep {
         frames_, [this](std::span<const SurveyFrame>) { return survey(false); },
         [this](const TagSurvey& at, std::vector<SurveyFrame>&) { return measure_edges(at); });
   }
+  // Corrects the corners of the following surveys for the row time.
+  void correct_rows(const TagSurvey& at) { corrected_ = at_middle_row(camera_, at, frames_); }
+  // Estimates the row time if the camera file has none. `at`: corrected for that of `camera`.
+  [[nodiscard]] std::optional<RowTime> row_time(const TagSurvey& at) const {
+    if (recording_.camera->parameters().rolling_shutter_row_s) return std::nullopt;
+    return find_row_time(camera_, at, frames_);
+  }
+  Result<void> set_row_time(const RowTime& row_time) {
+    CameraParameters parameters = camera_.parameters();
+    parameters.rolling_shutter_row_s = row_time.seconds;
+    PENUMBRA_TRY(camera_, CameraModel::make(parameters));
+    return {};
+  }
   Result<TagSurvey> survey(bool refine_camera) {
     auto result = run_stoppable(interrupt_, [&](std::stop_token stop) {
       survey_.stop = std::move(stop);
       survey_.refine_camera = refine_camera;
-      return survey_tags(*recording_.camera, frames_, survey_);
+      return survey_tags(camera_, corrected_.empty() ? frames_ : corrected_, survey_);
     });
     if (interrupt_.interrupted()) return ended_early();
     if (!result) return fail_in(options_.recording.string(), result.error());
@@ -89,16 +111,16 @@ class Sweep {
     return fail("{}: ended early; no file was written", options_.recording.string());
   }
 
-  // Calls `visit(index, luma)` for every frame.
+  // Calls `visit(frame, index, luma)` for every frame.
   template <class Visit>
-  Result<void> for_each_luma(const char* what, const Visit& visit) {
+  Result<void> for_each_frame(const char* what, const Visit& visit) {
     PENUMBRA_TRY(auto source, open_recording_source(recording_));
     ProgressBar progress(source->frame_count().value_or(0), what);
     std::vector<std::uint8_t> scratch;
     for (std::size_t index = 0;; ++index) {
       PENUMBRA_TRY(const auto frame, source->next());
       if (!frame) return {};
-      visit(index, luma(*frame, scratch));
+      visit(*frame, index, luma(*frame, scratch));
       progress.update(static_cast<int>(index) + 1);
       if (interrupt_.interrupted()) return ended_early();
     }
@@ -108,18 +130,45 @@ class Sweep {
   const Recording& recording_;
   SurveyOptions survey_;
   InterruptWatch interrupt_;
+  CameraModel camera_;
   std::vector<SurveyFrame> frames_;
+  std::vector<SurveyFrame> corrected_;  // for the row time; empty: not corrected
 };
 
-// Solves for the lens last, so that it does not compensate curved paper.
-Result<TagSurvey> survey_sweep(Sweep& sweep, bool refine_camera) {
+struct SweptTags {
+  TagSurvey survey;
+  std::optional<RowTime> row_time;  // if one was found that the camera file does not have
+};
+
+// Corrects the corners for the row time, which is estimated too if `refine_camera`. Repeats this,
+// because corrections and row time depend on the map.
+Result<SweptTags> correct_rows(Sweep& sweep, TagSurvey survey, bool refine_camera) {
+  constexpr int kRounds = 5;
+  SweptTags result{std::move(survey), std::nullopt};
+  for (int round = 0; round < kRounds; ++round) {
+    if (const auto found = sweep.row_time(result.survey)) {
+      result.row_time = found;
+      if (refine_camera) PENUMBRA_TRY_VOID(sweep.set_row_time(*found));
+    }
+    if (!sweep.rolls()) break;
+    sweep.correct_rows(result.survey);
+    PENUMBRA_TRY(result.survey, sweep.survey(false));
+  }
+  return result;
+}
+
+// Solves for the row time and the lens last, so that they do not compensate curved paper.
+Result<SweptTags> survey_sweep(Sweep& sweep, bool refine_camera) {
   PENUMBRA_TRY_VOID(sweep.detect());
-  PENUMBRA_TRY(auto result, sweep.survey_with_given_lens());
+  PENUMBRA_TRY(auto survey, sweep.survey_with_given_lens());
+  PENUMBRA_TRY(SweptTags result, correct_rows(sweep, std::move(survey), refine_camera));
   if (!refine_camera) return result;
-  PENUMBRA_TRY(result, sweep.survey(true));
-  if (!result.lens_is_refined()) return result;
-  PENUMBRA_TRY_VOID(sweep.measure_edges(result));
-  return sweep.survey(true);
+  PENUMBRA_TRY(result.survey, sweep.survey(true));
+  // With a rolling shutter the tags are not where the poses of the middle row show them.
+  if (!result.survey.lens_is_refined() || sweep.rolls()) return result;
+  PENUMBRA_TRY_VOID(sweep.measure_edges(result.survey));
+  PENUMBRA_TRY(result.survey, sweep.survey(true));
+  return result;
 }
 
 void print_tags(const TagSurvey& survey, const MapOptions& options) {
@@ -161,6 +210,17 @@ Eigen::VectorXd lens_parameters(const CameraModel& camera) {
   return lens;
 }
 
+void print_row_time(const RowTime& row_time, const MapOptions& options) {
+  const std::string found =
+      fmt::format("shutter: the rows are exposed {:.2f} +- {:.2f} us after each other",
+                  row_time.seconds * 1e6, row_time.sigma_s * 1e6);
+  if (options.refined_camera.empty()) {
+    fmt::print("{}, which displaces the tags: repeat with --refine-camera\n", found);
+  } else {
+    fmt::print("{}: {}\n", found, options.refined_camera.string());
+  }
+}
+
 void print_lens(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
   const std::string file = options.refined_camera.string();
   if (!survey.lens_is_refined()) {
@@ -193,7 +253,10 @@ void print_lens(const TagSurvey& survey, const CameraModel& given, const MapOpti
       *moved_px, *prior_px, *sigma_px);
 }
 
-CalibrationRecord record_of(const TagSurvey& survey) {
+// Returns nullopt if the camera is as given.
+std::optional<CalibrationRecord> record_of(const SweptTags& swept) {
+  const TagSurvey& survey = swept.survey;
+  if (!survey.lens_is_refined() && !swept.row_time) return std::nullopt;
   CalibrationRecord record;
   const std::time_t now = std::time(nullptr);
   std::tm local{};
@@ -201,6 +264,12 @@ CalibrationRecord record_of(const TagSurvey& survey) {
   record.target = fmt::format("{} tags of penumbra map", survey.tags.size());
   record.views = survey.frames_used;
   record.rms_px = survey.rms_px;
+  if (swept.row_time) record.row_time_sigma_s = swept.row_time->sigma_s;
+  if (!survey.lens_is_refined()) {
+    record.projection_mean_px = std::numeric_limits<double>::quiet_NaN();
+    record.projection_largest_px = record.projection_mean_px;
+    return record;
+  }
   const UncertaintyMap projection = uncertainty_map(survey.camera, survey.lens_covariance);
   record.projection_mean_px = projection.mean_px;
   record.projection_largest_px = projection.largest_px;
@@ -214,14 +283,14 @@ CalibrationRecord record_of(const TagSurvey& survey) {
   return record;
 }
 
-Result<void> write_files(const TagSurvey& survey, OutputFile& tags,
+Result<void> write_files(const SweptTags& swept, OutputFile& tags,
                          std::optional<OutputFile>& camera) {
-  if (auto saved = save_tag_survey(tags.partial(), survey); !saved)
+  if (auto saved = save_tag_survey(tags.partial(), swept.survey); !saved)
     return tags.failed(saved.error());
   std::vector<OutputFile*> files = {&tags};
   if (camera) {
-    const auto record = survey.lens_is_refined() ? std::optional(record_of(survey)) : std::nullopt;
-    if (auto saved = save_camera(camera->partial(), survey.camera, CameraFileFormat::ros,
+    const auto record = record_of(swept);
+    if (auto saved = save_camera(camera->partial(), swept.survey.camera, CameraFileFormat::ros,
                                  record ? &*record : nullptr);
         !saved)
       return camera->failed(saved.error());
@@ -251,9 +320,11 @@ Result<ExitCode> run_map(const MapOptions& options) {
   if (!options.refined_camera.empty()) {
     PENUMBRA_TRY(refined_camera, OutputFile::create(options.refined_camera));
   }
-  PENUMBRA_TRY(const auto result, survey_sweep(sweep, refined_camera.has_value()));
-  PENUMBRA_TRY_VOID(write_files(result, output, refined_camera));
+  PENUMBRA_TRY(const auto swept, survey_sweep(sweep, refined_camera.has_value()));
+  const TagSurvey& result = swept.survey;
+  PENUMBRA_TRY_VOID(write_files(swept, output, refined_camera));
   print_tags(result, options);
+  if (swept.row_time) print_row_time(*swept.row_time, options);
   if (refined_camera) print_lens(result, *recording.camera, options);
   fmt::print("tags: {}{}\n", options.output.string(),
              result.left_out.empty() ? ""
@@ -294,7 +365,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
                     "anchor's")
       ->capture_default_str();
   add_option(command, "--refine-camera", "camera.yaml", options->refined_camera,
-             "Correct the lens of the camera file too, and write it here");
+             "Correct lens and row time of the camera file too, and write it here");
   add_option(command, "--output", "tags.yaml", options->output,
              "Poses of the tags, with covariance")
       ->required();

@@ -89,6 +89,7 @@ struct TagSurvey {
 struct SurveyFrame {
   std::vector<TagDetection> tags;
   std::vector<std::optional<MeasuredTag>> measured;  // one per element of `tags`, or empty
+  double time_s = 0.0;                               // at the exposure of the middle row
 };
 
 // Chains cameras and tags outwards from the anchor, then bundle adjusts them. The error is one line

@@ -21,8 +21,9 @@ bool all_finite(const std::vector<double>& values) {
   return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
 
-// Omits unknown values, because other programs can't read .nan.
-std::string record_text(const CalibrationRecord& record) {
+// Omits unknown values, because other programs can't read .nan. `given_overlay_px`: if the record
+// does not have it.
+std::string record_text(const CalibrationRecord& record, std::optional<double> given_overlay_px) {
   std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
   if (record.focus_position && std::isfinite(*record.focus_position))
     text += fmt::format("focus_position: {}\n", *record.focus_position);
@@ -38,7 +39,9 @@ std::string record_text(const CalibrationRecord& record) {
   add("tone_curve", record.tone_curve_sigma);
   add("projection_mean_px", record.projection_mean_px);
   add("projection_largest_px", record.projection_largest_px);
-  if (all_finite(record.standard_deviations)) {
+  if (record.row_time_sigma_s && std::isfinite(*record.row_time_sigma_s))
+    text += fmt::format("  rolling_shutter_row_s: {:.3g}\n", *record.row_time_sigma_s);
+  if (!record.standard_deviations.empty() && all_finite(record.standard_deviations)) {
     text +=
         fmt::format("  standard_deviations: [{}]\n", joined(record.standard_deviations, "{:.6g}"));
   }
@@ -50,6 +53,8 @@ std::string record_text(const CalibrationRecord& record) {
         "  table_volume:\n    distance_m: {:.3f}\n    tracked_px: [{}]\n    known_pose_px: [{}]\n",
         record.table_distance_m, joined(record.table_tracked_px, "{:.4f}"),
         joined(record.table_known_pose_px, "{:.4f}"));
+  } else {
+    add("overlay_px", given_overlay_px);
   }
   return text;
 }
@@ -154,7 +159,8 @@ std::optional<std::string_view> model_name(DistortionModel model, CameraFileForm
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
-  if (record != nullptr) p.overlay_sigma_px.reset();  // record_text() writes the new value
+  const std::optional<double> given_overlay_px = p.overlay_sigma_px;
+  if (record != nullptr) p.overlay_sigma_px.reset();  // record_text() writes it
   if (!model_name(p.model, format)) {
     return fail(
         "{}: {}'s files have no {} lens; write another format or calibrate with --model plumb_bob",
@@ -172,7 +178,7 @@ Result<void> save_camera(const std::filesystem::path& file, const CameraModel& c
                      : format == CameraFileFormat::opencv ? opencv_text(p)
                                                           : kalibr_text(p);
   if (record != nullptr) {
-    const std::string keys = record_text(*record);
+    const std::string keys = record_text(*record, given_overlay_px);
     text += format == CameraFileFormat::kalibr ? as_comments(keys) : keys;
   }
   return write_text_file(file, text);

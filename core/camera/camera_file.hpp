@@ -60,6 +60,7 @@ struct CalibrationRecord {
   std::vector<double> standard_deviations;  // fx fy cx cy k1 ...
   std::optional<double> focus_position;
   std::optional<double> tone_curve_sigma;
+  std::optional<double> row_time_sigma_s;  // of rolling_shutter_row_s
 };
 
 // Fails if the format can't represent the lens: model_name() is nullopt, or k3 is not 0 (Kalibr).

@@ -802,5 +802,28 @@ TEST_F(MapCommand, CorrectsWrongLens) {
   EXPECT_LT(*p.overlay_sigma_px, 1.0);
 }
 
+// The rows of `rolling` are exposed 40 us after each other, which its camera file does not say.
+TEST_F(MapCommand, EstimatesRowTime) {
+  const auto camera = folder() / "refined.yaml";
+  const std::string tags = (folder() / "tags.yaml").string();
+  const std::string source = shared("recordings/rolling").string();
+  const auto result =
+      test::run_program(test::program(), {"map", source, "--tag-size", "0.04", "--anchor", "5",
+                                          "--output", tags, "--refine-camera", camera.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("shutter: the rows are exposed "));
+  const auto found = load_camera(camera);
+  ASSERT_TRUE(found) << found.error().message;
+  ASSERT_TRUE(found->parameters().rolling_shutter_row_s);
+  EXPECT_NEAR(*found->parameters().rolling_shutter_row_s, 40e-6, 2e-6);
+  const YAML::Node sigma = YAML::LoadFile(camera.string())["uncertainty"]["rolling_shutter_row_s"];
+  EXPECT_GT(sigma.as<double>(), 0.0);
+  EXPECT_LT(sigma.as<double>(), 2e-6);
+  const auto hint = test::run_program(
+      test::program(), {"map", source, "--tag-size", "0.04", "--anchor", "5", "--output", tags});
+  ASSERT_EQ(hint.exit_code, 0) << hint.err;
+  EXPECT_THAT(hint.out, HasSubstr("repeat with --refine-camera"));
+}
+
 }  // namespace
 }  // namespace penumbra

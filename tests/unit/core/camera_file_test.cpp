@@ -134,6 +134,12 @@ TEST_F(CameraFile, ReadsStandardDeviationsOfLens) {
     ASSERT_TRUE(save_camera(file_, camera, format, &record));
     EXPECT_EQ(load_lens_sigmas(file_), record.standard_deviations);
   }
+  // A record without the lens keeps the lens's overlay error.
+  CalibrationRecord of_shutter;
+  of_shutter.row_time_sigma_s = 1e-6;
+  ASSERT_TRUE(save_camera(file_, test::pinhole_camera(0.25), CameraFileFormat::ros, &of_shutter));
+  EXPECT_TRUE(load_lens_sigmas(file_).empty());
+  EXPECT_EQ(load_camera(file_)->parameters().overlay_sigma_px, 0.25);
   record.standard_deviations[1] = std::numeric_limits<double>::infinity();
   ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::ros, &record));
   EXPECT_TRUE(load_lens_sigmas(file_).empty());
