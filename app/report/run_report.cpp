@@ -44,6 +44,10 @@ Json json_of(const Evaluation& e) {
   json["rotation_deg"] = known(json_of(e.rotation_deg));
   json["overlay_px"] = known(json_of(e.overlay_px));
   json["overlay_frame_px"] = known(json_of(e.overlay_frame_px));
+  if (e.frames_with_ratio > 0) {
+    json["frame_ratio"] = json_of(e.frame_ratio);
+    json["share_above_3"] = e.share_above_3;
+  }
   json["jitter_px"] = e.jitter_changes > 0 ? Json(e.jitter_px) : Json();
   json["frames_estimated"] = e.frames_estimated;
   json["frames_judged"] = e.frames_judged;
@@ -279,7 +283,8 @@ void RunRecorder::add_tracked(const SessionFrame& frame) {
     lag_->restart();
   }
   if (!keep_paths_) return;
-  tracked_.poses.push_back({timestamp_ns, measured, {}});
+  tracked_.poses.push_back(
+      {timestamp_ns, measured, {}, frame.tracked.pose.predicted_overlay_error_px});
   drawn_.poses.push_back({timestamp_ns, drawn, {}});
 }
 
@@ -298,7 +303,8 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
     found->tracked.poses.push_back(
         {tracked.frame.timestamp_ns,
          CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
-         {}});
+         {},
+         estimate.predicted_overlay_error_px});
   }
   if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
 }

@@ -57,7 +57,8 @@ class ErrorCollector {
   explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
 
   // `consecutive`: the previous frame was also added, so that the jitter can use both.
-  void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
+  void add(const StampedPose& pose, const CameraPose& truth, bool consecutive) {
+    const CameraPose& estimated = pose.T_table_camera;
     translation_mm_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
     rotation_deg_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
     const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
@@ -72,6 +73,7 @@ class ErrorCollector {
       }
     }
     if (any) frame_rms_px_.push_back(difference.rms_px());
+    if (any && pose.predicted_px > 0.0) ratio_.push_back(difference.rms_px() / *pose.predicted_px);
     previous_ = difference;
   }
 
@@ -80,13 +82,20 @@ class ErrorCollector {
     result.rotation_deg = statistics_of(std::move(rotation_deg_));
     result.overlay_px = statistics_of(std::move(corner_errors_px_));
     result.overlay_frame_px = statistics_of(std::move(frame_rms_px_));
+    result.frames_with_ratio = static_cast<int>(ratio_.size());
+    if (!ratio_.empty()) {
+      result.share_above_3 =
+          static_cast<double>(std::ranges::count_if(ratio_, [](double r) { return r > 3.0; })) /
+          static_cast<double>(ratio_.size());
+    }
+    result.frame_ratio = statistics_of(std::move(ratio_));
     result.jitter_changes = change_count_;
     result.jitter_px = change_count_ == 0 ? 0.0 : std::sqrt(change_sum_ / change_count_);
   }
 
  private:
   const CameraModel& camera_;
-  std::vector<double> translation_mm_, rotation_deg_, corner_errors_px_, frame_rms_px_;
+  std::vector<double> translation_mm_, rotation_deg_, corner_errors_px_, frame_rms_px_, ratio_;
   OverlayDifference previous_;
   double change_sum_ = 0.0;
   int change_count_ = 0;
@@ -193,7 +202,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
     with_pose[nearest_index(truth, time_ns)] = true;
     const bool consecutive =
         previous_evaluated && pose.timestamp_ns - previous_ns <= interval_ns + interval_ns / 2;
-    errors.add(pose.T_table_camera, *true_pose, consecutive);
+    errors.add(pose, *true_pose, consecutive);
     previous_ns = pose.timestamp_ns;
     previous_evaluated = true;
   }

@@ -48,6 +48,10 @@ struct Evaluation {
   // gap of up to 1.5 frame intervals.
   double jitter_px = 0.0;
   int jitter_changes = 0;  // number of pose pairs; 0: the jitter is unknown
+  // Overlay error over predicted error of each evaluated frame that has both.
+  int frames_with_ratio = 0;
+  Statistics frame_ratio;
+  double share_above_3 = 0.0;  // fraction of these frames with a ratio above 3
 };
 // Compares each estimated pose with the true one at its time (core/evaluation/pairing.hpp).
 // `frame_interval_ns`: time between two frames; 0: the median between two estimated poses.

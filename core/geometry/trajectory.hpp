@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@ struct StampedPose {
   std::int64_t timestamp_ns = 0;
   CameraPose T_table_camera;
   std::string comment;  // written after the pose as "# comment"; read back when there is one
+  std::optional<double> predicted_px = {};  // predicted overlay error; not written to files
 };
 
 // Poses in order of time; timestamps increase.

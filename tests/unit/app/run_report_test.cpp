@@ -171,6 +171,9 @@ TEST(RunReport, HasEveryDocumentedField) {
   report.accuracy->overlay_px = {0.2, 0.1, 0.4, 0.5};
   report.accuracy->jitter_px = 0.05;
   report.accuracy->jitter_changes = 8;
+  report.accuracy->frames_with_ratio = 2;
+  report.accuracy->frame_ratio = {0.5, 0.4, 0.8, 0.9};
+  report.accuracy->share_above_3 = 0.25;
   report.accuracy->frames_with_truth = 5;
   report.accuracy->frames_estimated = 3;
   report.accuracy->frames_judged = 2;
@@ -239,6 +242,8 @@ TEST(RunReport, HasEveryDocumentedField) {
   }
   EXPECT_EQ(json["accuracy"]["overlay_px"]["p95"], 0.4);
   EXPECT_EQ(json["accuracy"]["jitter_px"], 0.05);
+  EXPECT_EQ(json["accuracy"]["frame_ratio"]["median"], 0.4);
+  EXPECT_EQ(json["accuracy"]["share_above_3"], 0.25);
   EXPECT_EQ(json["accuracy"]["frames_estimated"], 3);
   EXPECT_EQ(json["accuracy"]["frames_judged"], 2);
   EXPECT_EQ(json["accuracy"]["share_judged"], 2.0 / 3.0);
@@ -251,6 +256,8 @@ TEST(RunReport, HasEveryDocumentedField) {
       testing::AllOf(testing::HasSubstr("judged frames with a pose: 2 of 3 (66.7 %)\n"),
                      testing::HasSubstr("not judged: 1 outside the time of the ground truth\n")));
   report.accuracy->jitter_changes = 0;
+  report.accuracy->frames_with_ratio = 0;
+  EXPECT_FALSE(Json::parse(report_json(report))["accuracy"].contains("frame_ratio"));
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["jitter_px"].is_null());
 
   report.accuracy->frames_judged = 0;

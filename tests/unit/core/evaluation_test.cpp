@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <random>
 
 #include "support/cameras.hpp"
@@ -113,6 +115,33 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   // Frame-to-frame changes: 0-1 (0.5 and 0.625) and 3-4 (no change). The pairs 1-2 and 2-3 lack a
   // pose.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
+}
+
+TEST(Evaluation, DividesOverlayErrorByPredictedError) {
+  Trajectory truth;
+  Trajectory estimated;
+  for (int i = 0; i < 6; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
+  for (int i = 0; i < 4; ++i)
+    estimated.poses.push_back({i * 33'333'000LL, above(0.001, 0.0, 1.0), {}});
+  const double error_px = std::sqrt((0.25 + 0.390625) / 2.0);
+  estimated.poses[0].predicted_px = error_px;
+  estimated.poses[1].predicted_px = 2.0 * error_px;
+  estimated.poses[2].predicted_px = error_px / 4.0;
+  estimated.poses[3].predicted_px = std::nullopt;
+  const double infinite = std::numeric_limits<double>::infinity();
+  estimated.poses.push_back({4 * 33'333'000LL, above(0.001, 0.0, 1.0), {}, infinite});
+  estimated.poses.push_back({5 * 33'333'000LL, above(0.001, 0.0, 1.0), {}, 0.0});
+  const Evaluation e = evaluate(test::pinhole_camera(), estimated, truth);
+  EXPECT_EQ(e.frames_judged, 6);
+  EXPECT_EQ(e.frames_with_ratio, 4) << "no prediction, or a prediction of 0";
+  EXPECT_NEAR(e.frame_ratio.max, 4.0, 1e-9);
+  EXPECT_NEAR(e.frame_ratio.median, 0.75, 1e-9);
+  EXPECT_NEAR(e.share_above_3, 0.25, 1e-12);
+
+  for (StampedPose& pose : estimated.poses) pose.predicted_px = std::nullopt;
+  const Evaluation unpredicted = evaluate(test::pinhole_camera(), estimated, truth);
+  EXPECT_EQ(unpredicted.frames_with_ratio, 0);
+  EXPECT_EQ(unpredicted.share_above_3, 0.0);
 }
 
 // A circle of radius 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. All estimates are at
