@@ -25,9 +25,11 @@ Eigen::Vector2d shear_at(const Vector6d& row_velocity, const Eigen::Vector3d& p,
                          const Eigen::Matrix<double, 2, 3>& J) {
   // Points of the scene move opposite to the camera.
   const Eigen::Vector2d shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
-  // Ignores large shears: a tag that moves as fast as the read-out is blurred, not sheared.
+  // Bounds the shear: a tag that moves as fast as the read-out is blurred, not sheared.
   constexpr double kMaxShear = 0.3;
-  return shear.norm() < kMaxShear ? shear : Eigen::Vector2d::Zero();
+  const double norm = shear.norm();
+  if (!std::isfinite(norm)) return Eigen::Vector2d::Zero();
+  return norm > kMaxShear ? Eigen::Vector2d(kMaxShear / norm * shear) : shear;
 }
 
 }  // namespace
@@ -101,7 +103,12 @@ void AlignmentProblem::set_motion_prior(const AlignmentInput& input) {
     // Rounding made the correlation exceed 1.
     prior.information.setZero();
     prior.information.topLeftCorner<6, 6>() = prior_information;
-    prior.information.bottomRightCorner<6, 6>() = inverse_of_spd(velocity.covariance);
+    const Eigen::LLT<Matrix6d> of_velocity(velocity.covariance);
+    constexpr double kMinVariance = 1e-9;
+    const Vector6d variances = velocity.covariance.diagonal().cwiseMax(kMinVariance);
+    prior.information.bottomRightCorner<6, 6>() =
+        of_velocity.info() == Eigen::Success ? inverse_of_spd(velocity.covariance)
+                                             : Matrix6d(variances.cwiseInverse().asDiagonal());
   }
   PENUMBRA_ASSERT(prior.information.allFinite());
   motion_prior = prior;
