@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "calib/solver/silence.hpp"
 #include "core/text/text.hpp"
 
 extern "C" {
@@ -43,6 +44,7 @@ void set_up_logging() {
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
   av_log_set_callback(&log_libav);
+  silence_solver();
   // Safe here: no other thread or display exists yet. The 0 keeps a level that the user has set.
   setenv("EGL_LOG_LEVEL", "fatal", 0);
 }

@@ -1,7 +1,6 @@
 #include "calib/solver/bundle.hpp"
 
 #include <ceres/ceres.h>
-#include <glog/logging.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -11,6 +10,7 @@
 #include <memory>
 
 #include "calib/solver/packed_pose.hpp"
+#include "calib/solver/silence.hpp"
 #include "calib/solver/stop_callback.hpp"
 #include "core/propagate.hpp"
 #include "core/statistics.hpp"
@@ -69,8 +69,7 @@ void Bundle::start_shape(const CalibrationSolution& from) {
 
 bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
                    double robust_px, int iterations) {
-  // Silences Ceres' warnings on standard error about steps that it rejects.
-  FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
+  silence_solver();
   ceres::Problem::Options ownership;
   ownership.cost_function_ownership = ceres::TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);

@@ -1,7 +1,5 @@
 #include "calib/survey/tag_survey.hpp"
 
-#include <glog/logging.h>
-
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -12,6 +10,7 @@
 #include <set>
 #include <utility>
 
+#include "calib/solver/silence.hpp"
 #include "calib/survey/lens_refinement.hpp"
 #include "calib/survey/paper_shape.hpp"
 #include "calib/survey/tag_graph.hpp"
@@ -540,8 +539,7 @@ void explain_left_out(TagSurvey& survey, const Agreement& agreement, const Surve
 
 Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyFrame> frames,
                               const SurveyOptions& options) {
-  // Silences Ceres' warnings on standard error about steps that it rejects.
-  FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
+  silence_solver();
   const SurveyInput input = input_of(camera, frames, options);
   if (input.seen.empty()) {
     return fail(
