@@ -7,6 +7,7 @@
 #include <map>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -23,13 +24,14 @@
 namespace penumbra {
 namespace {
 
-// Maximum error of a refined map in held-out keyframes, as a fraction of the current map's error. A
+// Maximum error of a refined map in held-out keyframes, as a fraction of the given map's error. The
 // given map may be exact, and errors that all frames have in common would bend it.
 constexpr double kMaxOfGiven = 0.7;
-// A refined map was made from some of these keyframes, so its error is slightly too small.
+// The same for an earlier refined map. It was made from some of these keyframes, so its error is
+// slightly too small.
 constexpr double kMaxOfRefined = 1.25;
 constexpr std::size_t kMinSightings = 8;  // minimum number of tag sightings to compare two maps
-// Sightings whose error exceeds this multiple of the median are covered or misread.
+// Errors of sightings are bounded by this multiple of their median.
 constexpr double kOutlier = 4.0;
 
 using Detections = std::vector<std::vector<TagDetection>>;  // by keyframe
@@ -244,36 +246,56 @@ std::vector<ComparedSighting> compare_in(const MapKeyframe& keyframe,
   return sightings;
 }
 
-// Fails if the refined map does not explain the held-out keyframes better than the current one.
-Result<void> check_better(const CameraModel& camera, const MapsToRefine& maps,
-                          const TagMap& refined, const KeyframeList& keyframes,
-                          const Detections& detections) {
+// RMS errors of two maps in the held-out keyframes [px].
+struct MapErrors {
+  double current_px = 0.0;
+  double refined_px = 0.0;
+};
+
+// Compares two maps in the held-out keyframes. Fails if they show too few tags.
+Result<MapErrors> compare_maps(const CameraModel& camera, const TagMap& current,
+                               const TagMap& refined, const KeyframeList& keyframes,
+                               const Detections& detections) {
   std::vector<ComparedSighting> sightings;
   for (std::size_t k = 0; k < keyframes.size(); ++k) {
     if (!keyframes[k]->held_out) continue;
-    const auto compared = compare_in(*keyframes[k], detections[k], camera, maps.current, refined);
+    const auto compared = compare_in(*keyframes[k], detections[k], camera, current, refined);
     sightings.insert(sightings.end(), compared.begin(), compared.end());
   }
   if (sightings.size() < kMinSightings) return fail("the held-out keyframes show too few tags");
-  std::vector<double> squares;
-  for (const ComparedSighting& sighting : sightings) squares.push_back(sighting.refined);
-  const double limit = kOutlier * kOutlier * upper_median(std::move(squares));
-  double old_sum = 0.0;
-  double new_sum = 0.0;
-  std::size_t count = 0;
+  std::vector<double> better;
+  for (const ComparedSighting& sighting : sightings)
+    better.push_back(std::min(sighting.current, sighting.refined));
+  // Bounds both errors of a sighting alike: one of the maps may have moved the tag.
+  const double limit = kOutlier * kOutlier * upper_median(std::move(better));
+  MapErrors sums;
+  double count = 0.0;
   for (const ComparedSighting& sighting : sightings) {
-    if (!(sighting.refined <= limit)) continue;
-    old_sum += sighting.current;
-    new_sum += sighting.refined;
-    ++count;
+    if (sighting.current > limit && sighting.refined > limit) continue;  // covered or misread
+    sums.current_px += std::min(sighting.current, limit);
+    sums.refined_px += std::min(sighting.refined, limit);
+    count += 1.0;
   }
-  const bool is_given = change_of_map(maps.given, maps.current).max_m == 0.0;
-  const double ratio = std::sqrt(new_sum / old_sum);
-  if (ratio < (is_given ? kMaxOfGiven : kMaxOfRefined)) return {};
-  return fail(
-      "it explains held-out keyframes with an error of {:.3f} px, the current map {:.3f} px",
-      std::sqrt(new_sum / static_cast<double>(count)),
-      std::sqrt(old_sum / static_cast<double>(count)));
+  return MapErrors{std::sqrt(sums.current_px / count), std::sqrt(sums.refined_px / count)};
+}
+
+// Fails if the refined map does not explain the held-out keyframes clearly better than the given
+// one, or if it is worse than the current one.
+Result<void> check_better(const CameraModel& camera, const MapsToRefine& maps,
+                          const TagMap& refined, const KeyframeList& keyframes,
+                          const Detections& detections) {
+  const auto check = [&](const TagMap& other, std::string_view name,
+                         double max_ratio) -> Result<void> {
+    PENUMBRA_TRY(const MapErrors errors,
+                 compare_maps(camera, other, refined, keyframes, detections));
+    if (errors.refined_px < max_ratio * errors.current_px) return {};
+    return fail(
+        "the refined map has an error of {:.3f} px in held-out keyframes, the {} map {:.3f}",
+        errors.refined_px, name, errors.current_px);
+  };
+  PENUMBRA_TRY_VOID(check(maps.given, "given", kMaxOfGiven));
+  if (change_of_map(maps.given, maps.current).max_m == 0.0) return {};
+  return check(maps.current, "current", kMaxOfRefined);
 }
 
 }  // namespace
