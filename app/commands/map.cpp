@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <ctime>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -84,10 +83,10 @@ class Sweep {
   }
   // Corrects the corners of the following surveys for the row time.
   void correct_rows(const TagSurvey& at) { corrected_ = at_middle_row(camera_, at, frames_); }
-  // Estimates the row time if the camera file has none. `at`: corrected for that of `camera`.
-  [[nodiscard]] std::optional<RowTime> row_time(const TagSurvey& at) const {
-    if (recording_.camera->parameters().rolling_shutter_row_s) return std::nullopt;
-    return find_row_time(camera_, at, frames_);
+  // Estimates the row time. `at`: corrected for that of `camera`. `was_found`: it was estimated
+  // before, so a small change of it is no reason to reject it.
+  [[nodiscard]] std::optional<RowTime> row_time(const TagSurvey& at, bool was_found) const {
+    return find_row_time(camera_, at, frames_, was_found);
   }
   Result<void> set_row_time(const RowTime& row_time) {
     CameraParameters parameters = camera_.parameters();
@@ -137,7 +136,7 @@ class Sweep {
 
 struct SweptTags {
   TagSurvey survey;
-  std::optional<RowTime> row_time;  // if one was found that the camera file does not have
+  std::optional<RowTime> row_time;  // if one was found that differs from the camera file's
 };
 
 // Corrects the corners for the row time, which is estimated too if `refine_camera`. Repeats this,
@@ -145,14 +144,19 @@ struct SweptTags {
 Result<SweptTags> correct_rows(Sweep& sweep, TagSurvey survey, bool refine_camera) {
   constexpr int kRounds = 5;
   SweptTags result{std::move(survey), std::nullopt};
+  const auto correct = [&]() -> Result<void> {
+    sweep.correct_rows(result.survey);
+    PENUMBRA_TRY(result.survey, sweep.survey(false));
+    return {};
+  };
+  if (sweep.rolls()) PENUMBRA_TRY_VOID(correct());
   for (int round = 0; round < kRounds; ++round) {
-    if (const auto found = sweep.row_time(result.survey)) {
+    if (const auto found = sweep.row_time(result.survey, round > 0 && result.row_time)) {
       result.row_time = found;
       if (refine_camera) PENUMBRA_TRY_VOID(sweep.set_row_time(*found));
     }
     if (!sweep.rolls()) break;
-    sweep.correct_rows(result.survey);
-    PENUMBRA_TRY(result.survey, sweep.survey(false));
+    PENUMBRA_TRY_VOID(correct());
   }
   return result;
 }
@@ -211,11 +215,10 @@ Eigen::VectorXd lens_parameters(const CameraModel& camera) {
 }
 
 void print_row_time(const RowTime& row_time, const MapOptions& options) {
-  const std::string found =
-      fmt::format("shutter: the rows are exposed {:.2f} +- {:.2f} us after each other",
-                  row_time.seconds * 1e6, row_time.sigma_s * 1e6);
+  const std::string found = fmt::format("shutter: the row time is {:.2f} +- {:.2f} us",
+                                        row_time.seconds * 1e6, row_time.sigma_s * 1e6);
   if (options.refined_camera.empty()) {
-    fmt::print("{}, which displaces the tags: repeat with --refine-camera\n", found);
+    fmt::print("{} by this sweep; to use it, repeat with --refine-camera\n", found);
   } else {
     fmt::print("{}: {}\n", found, options.refined_camera.string());
   }
@@ -253,11 +256,23 @@ void print_lens(const TagSurvey& survey, const CameraModel& given, const MapOpti
       *moved_px, *prior_px, *sigma_px);
 }
 
-// Returns nullopt if the camera is as given.
-std::optional<CalibrationRecord> record_of(const SweptTags& swept) {
+// Returns the record of the written camera. Keeps that of the given camera, as far as it still
+// holds.
+std::optional<CalibrationRecord> record_of(const SweptTags& swept,
+                                           const std::optional<CalibrationRecord>& given) {
   const TagSurvey& survey = swept.survey;
-  if (!survey.lens_is_refined() && !swept.row_time) return std::nullopt;
+  if (!survey.lens_is_refined()) {
+    if (!swept.row_time) return given;
+    CalibrationRecord record = given.value_or(CalibrationRecord());
+    record.row_time_sigma_s = swept.row_time->sigma_s;
+    return record;
+  }
   CalibrationRecord record;
+  if (given) {
+    record.focus_position = given->focus_position;
+    record.tone_curve_sigma = given->tone_curve_sigma;
+    record.row_time_sigma_s = given->row_time_sigma_s;
+  }
   const std::time_t now = std::time(nullptr);
   std::tm local{};
   record.calibrated_on = fmt::format("{:%Y-%m-%d}", *localtime_r(&now, &local));
@@ -265,11 +280,6 @@ std::optional<CalibrationRecord> record_of(const SweptTags& swept) {
   record.views = survey.frames_used;
   record.rms_px = survey.rms_px;
   if (swept.row_time) record.row_time_sigma_s = swept.row_time->sigma_s;
-  if (!survey.lens_is_refined()) {
-    record.projection_mean_px = std::numeric_limits<double>::quiet_NaN();
-    record.projection_largest_px = record.projection_mean_px;
-    return record;
-  }
   const UncertaintyMap projection = uncertainty_map(survey.camera, survey.lens_covariance);
   record.projection_mean_px = projection.mean_px;
   record.projection_largest_px = projection.largest_px;
@@ -283,13 +293,13 @@ std::optional<CalibrationRecord> record_of(const SweptTags& swept) {
   return record;
 }
 
-Result<void> write_files(const SweptTags& swept, OutputFile& tags,
-                         std::optional<OutputFile>& camera) {
+Result<void> write_files(const SweptTags& swept, const std::optional<CalibrationRecord>& given,
+                         OutputFile& tags, std::optional<OutputFile>& camera) {
   if (auto saved = save_tag_survey(tags.partial(), swept.survey); !saved)
     return tags.failed(saved.error());
   std::vector<OutputFile*> files = {&tags};
   if (camera) {
-    const auto record = record_of(swept);
+    const auto record = record_of(swept, given);
     if (auto saved = save_camera(camera->partial(), swept.survey.camera, CameraFileFormat::ros,
                                  record ? &*record : nullptr);
         !saved)
@@ -313,7 +323,9 @@ Result<ExitCode> run_map(const MapOptions& options) {
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
   recording.camera_file = options.camera;
   PENUMBRA_TRY(recording.camera, load_chosen_camera(recording.camera_file, options.camera_name));
-  survey.lens_sigmas = load_lens_sigmas(recording.camera_file);
+  PENUMBRA_TRY(const auto record,
+               load_calibration_record(recording.camera_file, *recording.camera));
+  if (record) survey.lens_sigmas = record->standard_deviations;
   Sweep sweep(options, recording, survey);
   PENUMBRA_TRY(auto output, OutputFile::create(options.output));
   std::optional<OutputFile> refined_camera;
@@ -322,7 +334,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   }
   PENUMBRA_TRY(const auto swept, survey_sweep(sweep, refined_camera.has_value()));
   const TagSurvey& result = swept.survey;
-  PENUMBRA_TRY_VOID(write_files(swept, output, refined_camera));
+  PENUMBRA_TRY_VOID(write_files(swept, record, output, refined_camera));
   print_tags(result, options);
   if (swept.row_time) print_row_time(*swept.row_time, options);
   if (refined_camera) print_lens(result, *recording.camera, options);

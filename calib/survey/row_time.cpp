@@ -14,6 +14,8 @@ namespace {
 
 constexpr double kMaxGap_s = 0.2;      // maximum time between two poses that give a velocity
 constexpr double kSignificance = 3.0;  // minimum row time over its sigma
+// Minimum difference from the camera file's row time over its sigma.
+constexpr double kDifferenceSignificance = 5.0;
 // Error of a velocity by central differences (1 sigma), for handheld cameras; tuned on the
 // recording `rolling`, see docs/calibration.md#row-time.
 constexpr double kVelocitySigma_m = 0.03;    // [m/s]
@@ -132,18 +134,32 @@ bool fit_motion(const CameraModel& camera, const TagSurvey& survey, FrameCorners
   return true;
 }
 
+// Returns the point of the table's plane that is seen at a pixel.
+std::optional<Eigen::Vector3d> point_on_table(const CameraModel& camera, const MapFromCamera& pose,
+                                              const Eigen::Vector2d& pixel) {
+  const auto ray = camera.unproject(pixel);
+  if (!ray) return std::nullopt;
+  const Eigen::Vector3d direction = pose.rotation() * *ray;
+  const double distance = -pose.translation().z() / direction.z();
+  if (!(distance > 0.0) || !std::isfinite(distance)) return std::nullopt;
+  return pose.translation() + distance * direction;
+}
+
 // Moves the corners of a tag by the camera's motion between the exposures of their rows and of the
-// middle row.
-void move_to_middle_row(const CameraModel& camera, const MappedTag& tag, const FrameCorners& frame,
+// middle row. `tag`: null if the survey rejected it; then it is taken to lie on the table.
+void move_to_middle_row(const CameraModel& camera, const MappedTag* tag, const FrameCorners& frame,
                         std::array<Eigen::Vector2d, 4>& corners_px) {
   const double row_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
-  const auto corners = tag_corners(tag.size_m);
   for (std::size_t i = 0; i < 4; ++i) {
     const double time_s = row_s * rows_from_middle(camera, corners_px[i]);
     const MapFromCamera at_row = perturbed(frame.T_map_camera, time_s * frame.velocity);
-    const Eigen::Vector3d p = tag.T_table_tag * corners[i];
-    const auto middle = camera.project(frame.T_map_camera.inverse() * p);
-    const auto seen = camera.project(at_row.inverse() * p);
+    const auto p =
+        tag != nullptr
+            ? std::optional<Eigen::Vector3d>(tag->T_table_tag * tag_corners(tag->size_m)[i])
+            : point_on_table(camera, at_row, corners_px[i]);
+    if (!p) continue;
+    const auto middle = camera.project(frame.T_map_camera.inverse() * *p);
+    const auto seen = camera.project(at_row.inverse() * *p);
     if (middle && seen) corners_px[i] += *middle - *seen;
   }
 }
@@ -151,7 +167,7 @@ void move_to_middle_row(const CameraModel& camera, const MappedTag& tag, const F
 }  // namespace
 
 std::optional<RowTime> find_row_time(const CameraModel& camera, const TagSurvey& survey,
-                                     std::span<const SurveyFrame> frames) {
+                                     std::span<const SurveyFrame> frames, bool was_found) {
   std::vector<FrameCorners> corners;
   for (PosedFrame& posed : posed_frames(survey, frames))
     corners.push_back(std::move(posed.corners));
@@ -161,9 +177,11 @@ std::optional<RowTime> find_row_time(const CameraModel& camera, const TagSurvey&
   CameraParameters parameters = camera.parameters();
   const double given_s = parameters.rolling_shutter_row_s.value_or(0.0);
   const RowTime found{given_s + causes.joint_row_time_s, causes.joint_row_time_sigma_s};
-  if (causes.frames == 0 || !(found.seconds > kSignificance * found.sigma_s) ||
-      (given_s == 0.0 && !causes.of(ErrorCause::shutter).significant))
-    return std::nullopt;
+  if (causes.frames == 0 || !(found.seconds > kSignificance * found.sigma_s)) return std::nullopt;
+  const double difference_s = std::abs(causes.joint_row_time_s);
+  const bool differs = given_s > 0.0 ? difference_s > kDifferenceSignificance * found.sigma_s
+                                     : causes.of(ErrorCause::shutter).significant;
+  if (!was_found && !differs) return std::nullopt;
   parameters.rolling_shutter_row_s = found.seconds;
   return CameraModel::make(parameters) ? std::optional(found) : std::nullopt;
 }
@@ -178,10 +196,10 @@ std::vector<SurveyFrame> at_middle_row(const CameraModel& camera, const TagSurve
     for (std::size_t i = 0; i < frame.tags.size(); ++i) {
       const auto tag = std::ranges::find(survey.tags, frame.tags[i].id,
                                          [](const SurveyedTag& t) { return t.tag.id; });
-      if (tag == survey.tags.end()) continue;
-      move_to_middle_row(camera, tag->tag, posed.corners, frame.tags[i].corners_px);
+      const MappedTag* placed = tag == survey.tags.end() ? nullptr : &tag->tag;
+      move_to_middle_row(camera, placed, posed.corners, frame.tags[i].corners_px);
       if (i < frame.measured.size() && frame.measured[i])
-        move_to_middle_row(camera, tag->tag, posed.corners, frame.measured[i]->corners_px);
+        move_to_middle_row(camera, placed, posed.corners, frame.measured[i]->corners_px);
     }
   }
   return result;

@@ -16,11 +16,14 @@ struct RowTime {
   double sigma_s = 0.0;
 };
 
-// Estimates the row time from the uncorrected corners of `frames`. `camera`: has the row time that
-// `survey` is corrected for; without one, returns nullopt if the corners do not show a row time.
+// Estimates the row time from the uncorrected corners of `frames`. `survey` must be corrected for
+// the row time of `camera`, if it has one. Returns nullopt if the corners do not show another row
+// time, or none at all. `was_found`: the row time of `camera` is an estimate from the same frames;
+// it is improved in any case.
 [[nodiscard]] std::optional<RowTime> find_row_time(const CameraModel& camera,
                                                    const TagSurvey& survey,
-                                                   std::span<const SurveyFrame> frames);
+                                                   std::span<const SurveyFrame> frames,
+                                                   bool was_found = false);
 
 // Returns the frames with the corners that the camera would show if it exposed all rows at the time
 // of the middle row. `camera`: has the row time. `survey`: approximate poses.

@@ -24,13 +24,16 @@ bool all_finite(const std::vector<double>& values) {
 // Omits unknown values, because other programs can't read .nan. `given_overlay_px`: if the record
 // does not have it.
 std::string record_text(const CalibrationRecord& record, std::optional<double> given_overlay_px) {
-  std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
+  std::string text;
+  if (!record.calibrated_on.empty())
+    text += fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
   if (record.focus_position && std::isfinite(*record.focus_position))
     text += fmt::format("focus_position: {}\n", *record.focus_position);
-  text += fmt::format(
+  text +=
       "# one sigma; standard deviations in the order fx fy cx cy k1 ...\n"
-      "uncertainty:\n  target: {}\n  views: {}\n",
-      in_quotes(record.target), record.views);
+      "uncertainty:\n";
+  if (!record.target.empty()) text += fmt::format("  target: {}\n", in_quotes(record.target));
+  text += fmt::format("  views: {}\n", record.views);
   const auto add = [&text](const char* key, std::optional<double> value) {
     if (value && std::isfinite(*value)) text += fmt::format("  {}: {:.4f}\n", key, *value);
   };

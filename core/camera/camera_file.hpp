@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,14 +45,16 @@ enum class CameraFileFormat { ros, opencv, kalibr };
                                                          CameraFileFormat format);
 
 // How a camera was calibrated. Stored in extra keys, which readers of ROS and OpenCV files ignore.
+// NaN: unknown; the key is then left out.
 struct CalibrationRecord {
+  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   std::string calibrated_on;  // "2026-03-01"
   std::string target;         // Target::description
   int views = 0;
-  double rms_px = 0.0;                 // RMS of the 2-D reprojection error
-  std::optional<double> held_out_px;   // rms_px of cross-validation
-  double projection_mean_px = 0.0;     // 1 sigma, mean over the image
-  double projection_largest_px = 0.0;  // 1 sigma, maximum over the image
+  double rms_px = kUnknown;                 // RMS of the 2-D reprojection error
+  std::optional<double> held_out_px;        // rms_px of cross-validation
+  double projection_mean_px = kUnknown;     // 1 sigma, mean over the image
+  double projection_largest_px = kUnknown;  // 1 sigma, maximum over the image
   // Predicted error (1 sigma) at the corners of overlay_cube(), viewed from `table_distance_m`:
   // with an exact pose, and with a pose that was estimated with this lens. Empty if unknown.
   std::vector<double> table_known_pose_px;
@@ -75,9 +78,10 @@ struct CalibrationRecord {
 // integer n scales both sides. Clears rolling_shutter_row_s, which is unknown at the other size.
 [[nodiscard]] Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height);
 
-// Returns `uncertainty.standard_deviations`: fx, fy, cx, cy [px] and the distortion coefficients.
-// Returns an empty list if the file has none.
-[[nodiscard]] std::vector<double> load_lens_sigmas(const std::filesystem::path& camera_file);
+// Returns the record in a camera file; nullopt if it has none. `camera`: that of the file. Fails if
+// a value is invalid. Unknown numbers are NaN or empty.
+[[nodiscard]] Result<std::optional<CalibrationRecord>> load_calibration_record(
+    const std::filesystem::path& file, const CameraModel& camera);
 
 // Returns `focus_position` [unit of the camera's focus control], or nullopt if the file has none.
 [[nodiscard]] std::optional<double> load_focus_position(const std::filesystem::path& camera_file);

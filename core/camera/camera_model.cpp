@@ -96,10 +96,13 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     return fail("tone_curve is {}; it must be an exponent between 0.1 and 10", *p.tone_curve);
   if (p.rolling_shutter_row_s) {
     const double row_s = *p.rolling_shutter_row_s;
-    if (!(row_s >= 0.0 && row_s < 1.0)) {
-      return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row", row_s);
-    }
     constexpr double kMaxReadout_s = 0.2;  // slow cameras need 1/30 s or more
+    if (!(row_s >= 0.0 && row_s < 1.0)) {
+      return fail(
+          "rolling_shutter_row_s is {}; it must be the seconds from one row to the next, from 0 to "
+          "{:g}",
+          row_s, kMaxReadout_s / p.height);
+    }
     if (row_s * p.height > kMaxReadout_s) {
       return fail(
           "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it "
@@ -108,7 +111,7 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     }
   }
   if (p.overlay_sigma_px && !(*p.overlay_sigma_px >= 0.0 && *p.overlay_sigma_px <= 1e6)) {
-    return fail("uncertainty: overlay_px is {}; it must be a number of pixels",
+    return fail("uncertainty: overlay_px is {}; it must be a number of pixels from 0 to 1e6",
                 *p.overlay_sigma_px);
   }
 

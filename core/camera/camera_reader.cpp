@@ -535,17 +535,6 @@ Result<CameraModel> load_camera(const std::filesystem::path& file) {
   return std::move(loaded.camera);
 }
 
-std::vector<double> load_lens_sigmas(const std::filesystem::path& camera_file) {
-  using Sigmas = std::vector<double>;
-  auto sigmas =
-      read_yaml_map(camera_file, "a camera file", [&](const YAML::Node& root) -> Result<Sigmas> {
-        PENUMBRA_TRY(const YamlFields uncertainty,
-                     YamlFields(root, camera_file.string()).fields("uncertainty", ""));
-        return uncertainty.numbers("standard_deviations", "");
-      });
-  return sigmas ? *std::move(sigmas) : Sigmas{};
-}
-
 std::optional<double> load_focus_position(const std::filesystem::path& camera_file) {
   const auto position =
       read_yaml_map(camera_file, "a camera file", [&](const YAML::Node& root) -> Result<double> {

@@ -756,15 +756,21 @@ TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
   EXPECT_EQ(found->tags().size(), 11U);
 }
 
-// The lens of `tabletop` is true, so it stays as it is.
+// The lens of `tabletop` is true, so it stays as it is, with the record of its calibration.
 TEST_F(MapCommand, KeepsTrueLens) {
   const auto tags = folder() / "tags.yaml";
   const auto camera = folder() / "refined.yaml";
   const auto thinned = folder() / "thinned";
   test::write_thinned_recording(thinned, shared("recordings/tabletop"), 6);
-  const auto result = test::run_program(
-      test::program(), {"map", thinned.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
-                        tags.string(), "--refine-camera", camera.string()});
+  const auto given = folder() / "given.yaml";
+  test::write_text(given, read_text_file(thinned / "camera.yaml", 1 << 20).value() +
+                              "calibrated_on: \"2026-03-01\"\nfocus_position: 30\n"
+                              "uncertainty: {target: \"a sheet\", views: 7, overlay_px: 0.25, "
+                              "standard_deviations: [1, 1, 2, 2, 0.01, 0.01, 0, 0, 0.01]}\n");
+  const auto result =
+      test::run_program(test::program(), {"map", thinned.string(), "--camera", given.string(),
+                                          "--tag-size", "0.04", "--anchor", "5", "--output",
+                                          tags.string(), "--refine-camera", camera.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto found = load_camera(camera);
   const auto truth = load_camera(thinned / "camera.yaml");
@@ -772,6 +778,14 @@ TEST_F(MapCommand, KeepsTrueLens) {
   EXPECT_EQ(found->parameters().fx, truth->parameters().fx);
   EXPECT_EQ(found->parameters().distortion, truth->parameters().distortion);
   EXPECT_THAT(result.out, HasSubstr("camera: the given lens, "));
+  EXPECT_EQ(found->parameters().overlay_sigma_px, 0.25);
+  const auto record = load_calibration_record(camera, *found);
+  ASSERT_TRUE(record && *record);
+  EXPECT_EQ((*record)->calibrated_on, "2026-03-01");
+  EXPECT_EQ((*record)->target, "a sheet");
+  EXPECT_EQ((*record)->views, 7);
+  EXPECT_EQ((*record)->focus_position, 30.0);
+  EXPECT_EQ((*record)->standard_deviations.size(), 9U);
   const auto same = test::run_program(
       test::program(), {"map", thinned.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
                         tags.string(), "--refine-camera", tags.string()});
@@ -792,7 +806,9 @@ TEST_F(MapCommand, CorrectsWrongLens) {
   ASSERT_TRUE(found && truth);
   const CameraParameters& p = found->parameters();
   const CameraParameters& q = truth->parameters();
-  const auto sigmas = load_lens_sigmas(camera);
+  const auto record = load_calibration_record(camera, *found);
+  ASSERT_TRUE(record && *record);
+  const auto& sigmas = (*record)->standard_deviations;
   ASSERT_EQ(sigmas.size(), 9U);
   EXPECT_LT(std::abs(p.fx - q.fx), 3.0 * sigmas[0]);
   EXPECT_LT(std::abs(p.cy - q.cy), 3.0 * sigmas[3]);
@@ -811,7 +827,7 @@ TEST_F(MapCommand, EstimatesRowTime) {
       test::run_program(test::program(), {"map", source, "--tag-size", "0.04", "--anchor", "5",
                                           "--output", tags, "--refine-camera", camera.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("shutter: the rows are exposed "));
+  EXPECT_THAT(result.out, HasSubstr("shutter: the row time is "));
   const auto found = load_camera(camera);
   ASSERT_TRUE(found) << found.error().message;
   ASSERT_TRUE(found->parameters().rolling_shutter_row_s);

@@ -94,7 +94,7 @@ TEST_F(RowTimeOfSweep, IsFoundInFewRounds) {
     TagSurvey map = survey(frames);
     double sigma_s = 0.0;
     for (int round = 0; round < 5; ++round) {
-      const auto found = find_row_time(rolling, map, frames);
+      const auto found = find_row_time(rolling, map, frames, round > 0);
       ASSERT_TRUE(found) << row_s;
       sigma_s = found->sigma_s;
       rolling = with_row_time(camera_, found->seconds);
@@ -118,6 +118,54 @@ TEST_F(RowTimeOfSweep, IsNotFoundForGlobalShutterOrCameraAtRest) {
     frame.time_s = time_s;
   }
   EXPECT_FALSE(find_row_time(camera_, survey(rest), rest));
+}
+
+TEST_F(RowTimeOfSweep, ReplacesOnlyWrongRowTimeOfCamera) {
+  constexpr double kRow_s = 40e-6;
+  const auto frames = moving_sweep(camera_, board_, kRow_s, 1.0);
+  const auto found_with = [&](double given_s) {
+    const CameraModel given = with_row_time(camera_, given_s);
+    TagSurvey map = survey(frames);
+    for (int round = 0; round < 3; ++round) map = survey(at_middle_row(given, map, frames));
+    return find_row_time(given, map, frames);
+  };
+  EXPECT_FALSE(found_with(kRow_s));
+  for (const double wrong_s : {25e-6, 55e-6}) {
+    const auto found = found_with(wrong_s);
+    ASSERT_TRUE(found) << wrong_s;
+    EXPECT_NEAR(found->seconds, kRow_s, 4e-6) << wrong_s;
+  }
+}
+
+// A tag that the survey rejected, perhaps because of the shutter, may fit after the correction.
+TEST_F(RowTimeOfSweep, CorrectsRejectedTags) {
+  constexpr double kRow_s = 40e-6;
+  const CameraModel rolling = with_row_time(camera_, kRow_s);
+  const auto frames = moving_sweep(camera_, board_, kRow_s, 1.0);
+  TagSurvey map = survey(frames);
+  for (int round = 0; round < 4; ++round) map = survey(at_middle_row(rolling, map, frames));
+  const auto with_all = at_middle_row(rolling, map, frames);
+  const int rejected = map.tags.front().tag.id;  // far from the middle row
+  std::erase_if(map.tags, [&](const SurveyedTag& tag) { return tag.tag.id == rejected; });
+  const auto without = at_middle_row(rolling, map, frames);
+  int compared = 0;
+  double largest_px = 0.0;
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    for (std::size_t i = 0; i < frames[f].tags.size(); ++i) {
+      if (frames[f].tags[i].id != rejected) continue;
+      ++compared;
+      for (std::size_t c = 0; c < 4; ++c) {
+        const Eigen::Vector2d moved =
+            with_all[f].tags[i].corners_px[c] - frames[f].tags[i].corners_px[c];
+        const Eigen::Vector2d moved_too =
+            without[f].tags[i].corners_px[c] - frames[f].tags[i].corners_px[c];
+        largest_px = std::max(largest_px, moved.norm());
+        EXPECT_NEAR((moved - moved_too).norm(), 0.0, 0.3) << f;
+      }
+    }
+  }
+  EXPECT_GT(compared, 20);
+  EXPECT_GT(largest_px, 1.0) << "the test needs fast motion";
 }
 
 TEST_F(RowTimeOfSweep, CorrectsCornersAndMap) {

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fmt/format.h>
+
+#include <cmath>
 #include <limits>
 #include <tuple>
 #include <utility>
@@ -124,26 +127,84 @@ TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
   }
 }
 
-TEST_F(CameraFile, ReadsStandardDeviationsOfLens) {
-  const CameraModel camera = test::pinhole_camera();
-  ASSERT_TRUE(save_camera(file_, camera));
-  EXPECT_TRUE(load_lens_sigmas(file_).empty());
+TEST_F(CameraFile, KeepsCalibrationRecord) {
+  const CameraModel camera = test::pinhole_camera(0.25);
+  const auto saved = [&](const CalibrationRecord& record, CameraFileFormat format) {
+    EXPECT_TRUE(save_camera(file_, camera, format, &record));
+    const auto loaded = load_calibration_record(file_, camera);
+    EXPECT_TRUE(loaded && *loaded) << (loaded ? "no record" : loaded.error().message);
+    return loaded && *loaded ? **loaded : CalibrationRecord();
+  };
   CalibrationRecord record;
-  record.standard_deviations = {0.5, 0.25, 1.0, 2.0, 0.0};
+  record.calibrated_on = "2026-03-01";
+  record.target = "6 x 6 tags of 30 mm";
+  record.views = 24;
+  record.rms_px = 0.125;
+  record.held_out_px = 0.25;
+  record.projection_mean_px = 0.5;
+  record.projection_largest_px = 1.5;
+  record.table_tracked_px = {3.0, 4.0};
+  record.table_known_pose_px = {5.0, 6.0};
+  record.table_distance_m = 0.75;
+  record.standard_deviations = {0.5, 0.25, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+  record.focus_position = 30.0;
+  record.tone_curve_sigma = 0.0625;
+  record.row_time_sigma_s = 1e-6;
   for (const auto format : {CameraFileFormat::ros, CameraFileFormat::opencv}) {
-    ASSERT_TRUE(save_camera(file_, camera, format, &record));
-    EXPECT_EQ(load_lens_sigmas(file_), record.standard_deviations);
+    const CalibrationRecord read = saved(record, format);
+    EXPECT_EQ(read.calibrated_on, record.calibrated_on);
+    EXPECT_EQ(read.target, record.target);
+    EXPECT_EQ(read.views, record.views);
+    EXPECT_EQ(read.rms_px, record.rms_px);
+    EXPECT_EQ(read.held_out_px, record.held_out_px);
+    EXPECT_EQ(read.projection_mean_px, record.projection_mean_px);
+    EXPECT_EQ(read.projection_largest_px, record.projection_largest_px);
+    EXPECT_EQ(read.table_tracked_px, record.table_tracked_px);
+    EXPECT_EQ(read.table_known_pose_px, record.table_known_pose_px);
+    EXPECT_EQ(read.table_distance_m, record.table_distance_m);
+    EXPECT_EQ(read.standard_deviations, record.standard_deviations);
+    EXPECT_EQ(read.focus_position, record.focus_position);
+    EXPECT_EQ(read.tone_curve_sigma, record.tone_curve_sigma);
+    EXPECT_EQ(read.row_time_sigma_s, record.row_time_sigma_s);
+    // A record that was read is written again unchanged.
+    const std::string before = read_text_file(file_, 1 << 20).value();
+    ASSERT_TRUE(save_camera(file_, camera, format, &read));
+    EXPECT_EQ(read_text_file(file_, 1 << 20).value(), before);
   }
   // A record without the lens keeps the lens's overlay error.
   CalibrationRecord of_shutter;
   of_shutter.row_time_sigma_s = 1e-6;
-  ASSERT_TRUE(save_camera(file_, test::pinhole_camera(0.25), CameraFileFormat::ros, &of_shutter));
-  EXPECT_TRUE(load_lens_sigmas(file_).empty());
+  const CalibrationRecord read = saved(of_shutter, CameraFileFormat::ros);
+  EXPECT_TRUE(read.standard_deviations.empty());
+  EXPECT_TRUE(std::isnan(read.rms_px));
   EXPECT_EQ(load_camera(file_)->parameters().overlay_sigma_px, 0.25);
+  // Non-finite numbers are not written.
   record.standard_deviations[1] = std::numeric_limits<double>::infinity();
-  ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::ros, &record));
-  EXPECT_TRUE(load_lens_sigmas(file_).empty());
-  EXPECT_TRUE(load_lens_sigmas(file_.string() + ".missing").empty());
+  EXPECT_TRUE(saved(record, CameraFileFormat::ros).standard_deviations.empty());
+}
+
+TEST_F(CameraFile, HasNoRecordWithoutItsKeys) {
+  const CameraModel camera = test::pinhole_camera();
+  ASSERT_TRUE(save_camera(file_, camera));
+  const auto none = load_calibration_record(file_, camera);
+  ASSERT_TRUE(none);
+  EXPECT_FALSE(*none);
+  EXPECT_FALSE(*load_calibration_record(file_.string() + ".missing", camera));
+}
+
+TEST_F(CameraFile, RejectsInvalidStandardDeviations) {
+  const CameraModel camera = *load(camera_text());
+  for (const char* wrong :
+       {"[1, 1]", "[1, 1, 1, 1, -0.1, 0, 0, 0, 0]", "[1, 1, 1, .nan, 0, 0, 0, 0, 0]",
+        "[1, 1, 1, 1e9, 0, 0, 0, 0, 0]", "x"}) {
+    ASSERT_TRUE(
+        load(camera_text() + fmt::format("uncertainty: {{standard_deviations: {}}}\n", wrong)));
+    const auto record = load_calibration_record(file_, camera);
+    ASSERT_FALSE(record) << wrong;
+    EXPECT_THAT(record.error().message, testing::AllOf(testing::HasSubstr("standard_deviations"),
+                                                       testing::HasSubstr("(line ")))
+        << wrong;
+  }
 }
 
 // With k1 = -5000 the lens is monotonic only in a fortieth of the image.
