@@ -208,13 +208,14 @@ Result<SplitHalfReport> run_split_half(const SplitHalfRequest& request) {
     pooled.insert(pooled.end(), split.frames.begin(), split.frames.end());
   }
   report.pooled = split_half_errors(pooled);
-  if (report.pooled.frames_compared == 0) {
-    return fail(
-        "{}: no frame could be compared ({}); record the tags closer, sharper or with more "
-        "of them in view",
-        request.recording.string(), rejections_text(report.pooled));
-  }
   report.causes = find_residual_causes(*recording.camera, tags, run.corners);
+  // The residuals show what is wrong, also where every half is uncertain because of it.
+  if (report.pooled.frames_compared == 0 && report.causes.frames == 0) {
+    return fail(
+        "{}: no frame could be compared ({}), and fewer than {} frames can be measured; record the "
+        "tags longer, closer, sharper or with more of them in view",
+        request.recording.string(), rejections_text(report.pooled), kMinResidualFrames);
+  }
   return report;
 }
 

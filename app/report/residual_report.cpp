@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <functional>
 #include <vector>
@@ -20,8 +21,7 @@ std::string size_text(ErrorCause cause, const CauseSizes& sizes) {
     case ErrorCause::lens:
       return fmt::format(
           "focal length {:+.2f} +- {:.2f} %, centre ({:+.1f}, {:+.1f}) px, radial {:+.1f} px at "
-          "the "
-          "side",
+          "the side",
           100.0 * sizes.focal_fraction, 100.0 * sizes.focal_sigma, sizes.centre_px.x(),
           sizes.centre_px.y(), sizes.radial_px);
     case ErrorCause::shutter:
@@ -31,19 +31,44 @@ std::string size_text(ErrorCause cause, const CauseSizes& sizes) {
   return {};
 }
 
-// Names of the causes that explain the same part of the residuals, the best one first: "lens or
-// paper".
-std::string possible_causes(const ResidualCauses& causes) {
-  std::vector<ErrorCause> possible;
-  for (std::size_t i = 0; i < kErrorCauses; ++i) {
-    if (causes.evidence[i].possible) possible.push_back(static_cast<ErrorCause>(i));
+// In the order in which they are to be corrected: a wrong row time spoils a lens, and both a map.
+constexpr std::array kCorrectionOrder = {ErrorCause::shutter, ErrorCause::lens, ErrorCause::paper};
+
+// Describes what is significant or possible, one line each, with the remedy.
+std::string remedies(const ResidualCauses& causes, double given_row_s) {
+  std::string text;
+  int significant = 0;
+  for (const ErrorCause cause : kCorrectionOrder) {
+    if (!causes.of(cause).significant) continue;
+    text += fmt::format("{}: {}\n", to_string(cause), advice(cause, causes.sizes, given_row_s));
+    ++significant;
   }
-  std::ranges::sort(possible, std::greater(),
-                    [&](ErrorCause cause) { return causes.of(cause).alone; });
-  std::string names;
-  for (const ErrorCause cause : possible)
-    names += fmt::format("{}{}", names.empty() ? "" : " or ", to_string(cause));
-  return names;
+  if (significant > 1) text += "correct one cause at a time, in this order, and evaluate again\n";
+  std::vector<ErrorCause> possible;
+  for (const ErrorCause cause : kCorrectionOrder) {
+    if (causes.of(cause).possible) possible.push_back(cause);
+  }
+  if (possible.size() == 1) {
+    text += fmt::format("{} (not certain): {}\n", to_string(possible.front()),
+                        advice(possible.front(), causes.sizes, given_row_s));
+  } else if (!possible.empty()) {
+    // The best explanation first: "lens or paper".
+    std::ranges::stable_sort(possible, std::greater(),
+                             [&](ErrorCause cause) { return causes.of(cause).alone; });
+    std::string names;
+    for (const ErrorCause cause : possible)
+      names += fmt::format("{}{}", names.empty() ? "" : " or ", to_string(cause));
+    text += fmt::format(
+        "{}: this recording cannot separate these causes; record with more motion and tilt of the "
+        "camera\n",
+        names);
+  }
+  if (text.empty()) {
+    text =
+        "no cause is significant: what is left looks like noise; the scale of the sheet as a whole "
+        "can't be tested\n";
+  }
+  return text;
 }
 
 }  // namespace
@@ -97,8 +122,8 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
       "residuals of the corners: {:.3f} px RMS in {} frames ({} corners, {} views of a tag "
       "rejected)\n",
       causes.rms_px, causes.frames, causes.corners, causes.outliers);
-  text += fmt::format("{:<10}{:>16}{:>20}{:>18}   {}\n", "cause", "by it alone", "only by it",
-                      "overlay error", "true minus given value");
+  text += fmt::format("{:<10}{:>16}{:>20}{:>18}   {}\n", "cause", "alone", "unique",
+                      "overlay error", "size (true minus given)");
   for (std::size_t i = 0; i < kErrorCauses; ++i) {
     const CauseEvidence& e = causes.evidence[i];
     const auto cause = static_cast<ErrorCause>(i);
@@ -112,35 +137,17 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
   text += fmt::format("{:<10}{:>5.1f} % {:>5.3f} px\n", "noise",
                       100.0 * std::min(1.0 - causes.explained, 1.0), causes.noise_px);
   text +=
-      "  by it alone: share of the squared residuals, and their RMS, that this cause explains by "
-      "itself\n"
-      "  only by it: share that no other cause explains\n"
-      "  paper: tags are not where the map has them; lens: it differs from the camera file;\n"
+      "  alone: share of the squared residuals, and their RMS, that this cause explains by itself\n"
+      "  unique: share that no other cause explains; the shares of the causes do not add up\n"
+      "  paper: tags are not where the map has them; lens: the lens differs from the camera file;\n"
       "  shutter: rows are exposed one after another; noise: what no cause explains\n";
-  bool any = false;
-  for (std::size_t i = 0; i < kErrorCauses; ++i) {
-    if (!causes.evidence[i].significant) continue;
-    const auto cause = static_cast<ErrorCause>(i);
-    text += fmt::format("{}: {}\n", to_string(cause), advice(cause, causes.sizes, given_row_s));
-    any = true;
-  }
-  if (const std::string names = possible_causes(causes); !names.empty()) {
-    text += fmt::format(
-        "{}: this recording can't tell which; record with more motion and tilt of the camera\n",
-        names);
-    any = true;
-  }
+  text += remedies(causes, given_row_s);
   if (causes.overlay_px > 0.0) {
     text += fmt::format(
-        "these causes displace the overlay by about {:.2f} +- {:.2f} px RMS; both halves may share "
-        "it\n",
+        "these causes displace the overlay by about {:.2f} +- {:.2f} px RMS; the difference of the "
+        "halves may not show it\n",
         causes.overlay_px, causes.overlay_sigma_px);
   }
-  if (!any)
-    text +=
-        "no cause is significant: what is left looks like noise; the scale of the sheet as a whole "
-        "can't be "
-        "tested\n";
   return text;
 }
 

@@ -596,21 +596,23 @@ std::string map_refinement_line(const MapRefinementReport& refinement, const std
     line += fmt::format("not refined: {} keyframe{} from different sides, {} are needed; ",
                         refinement.keyframes, refinement.keyframes == 1 ? "" : "s",
                         MapKeyframes::kRefinementInterval);
-    line += "move the camera around the sheet";
+    line += "move the camera around tags that are in the map";
   } else {
     line += fmt::format("not refined: no refined map explains the {} keyframes clearly better",
                         refinement.keyframes);
   }
-  return line + (file.empty() ? "; not written (--refine-map FILE writes it)" : "; " + file) + "\n";
+  if (file.empty()) return line + "; not written (--refine-map FILE writes it)\n";
+  return line + fmt::format("; {}: {}\n", refinement.refinements > 0 ? "written to" : "given map",
+                            file);
 }
 
 }  // namespace
 
 std::string report_table(const RunReport& report) {
-  std::string text =
-      fmt::format("{}: {} frames of {} x {}{}{}\n", report.recording, report.frames, report.width,
-                  report.height, report.panes.empty() ? "" : " (all panes)",
-                  report.interrupted ? " (interrupted)" : "");
+  std::string text = fmt::format("{}: {} frame{} of {} x {}{}{}\n", report.recording, report.frames,
+                                 report.frames == 1 ? "" : "s", report.width, report.height,
+                                 report.panes.empty() ? "" : " (all panes)",
+                                 report.interrupted ? " (interrupted)" : "");
   text += status_text(report);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
     const auto& [general, count] = report.reasons[i];

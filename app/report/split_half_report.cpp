@@ -55,6 +55,11 @@ std::string split_half_table(const SplitHalfReport& report) {
   std::string text = fmt::format("{:<12}{:>10}{:>10}{:>10}{:>12}{:>8}{:>8}\n", "halves [px]",
                                  "median", "rmse", "p95", "predicted", "ratio", "frames");
   const auto row = [&](const std::string& name, const SplitHalfErrors& e) {
+    if (e.frames_compared == 0) {
+      text += fmt::format("{:<12}{:>10}{:>10}{:>10}{:>12}{:>8}{:>8}\n", name, "-", "-", "-", "-",
+                          "-", 0);
+      return;
+    }
     text += fmt::format("{:<12}{:>10.4f}{:>10.4f}{:>10.4f}{:>12.4f}{:>8.2f}{:>8}\n", name,
                         e.difference_px.median, e.difference_px.rmse, e.difference_px.p95,
                         e.predicted_px.rmse, e.ratio, e.frames_compared);
@@ -66,8 +71,10 @@ std::string split_half_table(const SplitHalfReport& report) {
       "  halves: difference of the overlays by two halves of the tags, over sqrt(2)\n"
       "  ratio: rmse / predicted; far above 1, the predicted error is too small for this "
       "recording\n";
-  text += fmt::format("ratio of a frame: median {:.2f}, above 3 in {:.1f} % of the frames\n",
-                      report.pooled.frame_ratio.median, 100.0 * report.pooled.share_above_3);
+  if (report.pooled.frames_compared > 0) {
+    text += fmt::format("ratio of a frame: median {:.2f}, above 3 in {:.1f} % of the frames\n",
+                        report.pooled.frame_ratio.median, 100.0 * report.pooled.share_above_3);
+  }
   text += fmt::format("frames compared: {} of {} in {} splits\n", report.pooled.frames_compared,
                       report.frames * static_cast<int>(report.splits.size()), report.splits.size());
   for (std::size_t i = 0; i < kHalfRejections; ++i) {

@@ -76,7 +76,7 @@ TEST(SplitHalf, NamesAWrongCameraFile) {
   EXPECT_TRUE(json["residuals"]["lens"]["possible"]);
   EXPECT_NEAR(json["residuals"]["lens"]["focal_percent"].get<double>(), -0.99, 0.15);
   EXPECT_FALSE(json["residuals"]["shutter"]["possible"]);
-  EXPECT_THAT(table.out, HasSubstr("lens or paper: this recording can't tell which"));
+  EXPECT_THAT(table.out, HasSubstr("lens or paper: this recording cannot separate these causes"));
 }
 
 TEST(SplitHalf, NamesAWrongMap) {
@@ -109,7 +109,7 @@ TEST(SplitHalf, WritesTableJsonAndPlot) {
   EXPECT_EQ(first.err, "");
   EXPECT_THAT(first.out, HasSubstr("split 4"));
   EXPECT_THAT(first.out, HasSubstr("ratio: rmse / predicted"));
-  EXPECT_THAT(first.out, HasSubstr("only by it: share that no other cause explains"));
+  EXPECT_THAT(first.out, HasSubstr("unique: share that no other cause explains"));
   EXPECT_THAT(first.out, HasSubstr("no cause is significant"));
   const std::string svg = bytes_of(plot);
   EXPECT_TRUE(svg.starts_with("<svg ")) << svg.substr(0, 100);

@@ -21,17 +21,28 @@ std::string lens_difference(const CauseSizes& sizes) {
 
 std::string advice(ErrorCause cause, const CauseSizes& sizes, double given_row_s) {
   switch (cause) {
-    case ErrorCause::paper:
-      return fmt::format("the tags are about {:.1g} mm from where the map has them: penumbra map",
-                         1e3 * std::hypot(sizes.off_flat_m, sizes.in_plane_m));
+    case ErrorCause::paper: {
+      const double displaced_mm = 1e3 * std::hypot(sizes.off_flat_m, sizes.in_plane_m);
+      return fmt::format(
+          "the tags are displaced by about {} mm from the map: --refine-map of replay or live, or "
+          "penumbra map",
+          displaced_mm < 9.5 ? fmt::format("{:.1g}", displaced_mm)
+                             : fmt::format("{:.0f}", displaced_mm));
+    }
     case ErrorCause::lens:
       return lens_difference(sizes) +
              " the camera file: penumbra calibrate, or penumbra map --refine-camera";
-    case ErrorCause::shutter:
+    case ErrorCause::shutter: {
+      const double row_s = given_row_s + sizes.row_time_s;
+      if (!(row_s > 0.0)) {
+        return "the rows seem to be exposed from the bottom up, which can't be corrected; turn the "
+               "camera upright";
+      }
       return fmt::format(
-          "the rows seem to be exposed {:.1f} us after each other: rolling_shutter_row_s: {:.3g} "
-          "in the camera file",
-          1e6 * (given_row_s + sizes.row_time_s), given_row_s + sizes.row_time_s);
+          "the row time seems to be {:.1f} us: penumbra map --refine-camera, or set "
+          "rolling_shutter_row_s: {:.3g} in the camera file",
+          1e6 * row_s, row_s);
+    }
   }
   return {};
 }

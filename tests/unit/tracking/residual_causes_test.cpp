@@ -14,8 +14,11 @@
 namespace penumbra {
 namespace {
 
+using testing::AllOf;
 using testing::ElementsAre;
+using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 // Errors that the simulated sheet and camera have relative to the given map and camera.
 struct Errors {
@@ -234,6 +237,26 @@ TEST(ResidualCauses, DoNotDependOnRotationOfTable) {
   const ResidualCauses b = causes_of(moved);
   EXPECT_NEAR(a.explained, b.explained, 1e-6);
   EXPECT_NEAR(a.sizes.off_flat_m, b.sizes.off_flat_m, 1e-7);
+}
+
+TEST(ResidualAdvice, NamesSizeAndRemedy) {
+  CauseSizes sizes;
+  sizes.off_flat_m = 1.78e-3;
+  EXPECT_THAT(advice(ErrorCause::paper, sizes, 0.0), HasSubstr("displaced by about 2 mm"));
+  sizes.off_flat_m = 12.3e-3;
+  EXPECT_THAT(advice(ErrorCause::paper, sizes, 0.0), HasSubstr("displaced by about 12 mm"));
+  sizes.focal_fraction = -0.006;
+  sizes.focal_sigma = 0.001;
+  EXPECT_THAT(advice(ErrorCause::lens, sizes, 0.0), HasSubstr("0.6 % smaller"));
+  sizes.focal_sigma = 0.01;
+  EXPECT_THAT(advice(ErrorCause::lens, sizes, 0.0), HasSubstr("the distortion or"));
+  sizes.row_time_s = 10e-6;
+  EXPECT_THAT(advice(ErrorCause::shutter, sizes, 30e-6),
+              AllOf(HasSubstr("seems to be 40.0 us"), HasSubstr("rolling_shutter_row_s: 4e-05")));
+  // A camera that is mounted upside down; its row time can't be written into a camera file.
+  sizes.row_time_s = -40e-6;
+  EXPECT_THAT(advice(ErrorCause::shutter, sizes, 0.0),
+              AllOf(HasSubstr("from the bottom up"), Not(HasSubstr("rolling_shutter_row_s"))));
 }
 
 }  // namespace
