@@ -70,6 +70,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
   add_scene_option(command, request);
   add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
+  add_option(command, "--calibration", "camera.yaml", request.camera,
+             "Camera model (default: the recording's)")
+      ->group("Input");
   add_camera_name_option(command, request.camera_name)->group("Input");
   CLI::Option* shadow = add_shadow_options(command, options->shadow);
   const auto add_compared = [options](const std::string& list) {

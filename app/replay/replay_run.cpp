@@ -161,6 +161,7 @@ struct ReplaySetup {
 Result<Recording> open_checked_recording(const ReplayRequest& request) {
   OpenRecordingOptions options;
   options.tags = request.tags;
+  options.camera = request.camera;
   options.camera_name = request.camera_name;
   options.require_tags = !request.poses_from;  // given poses need no tags
   PENUMBRA_TRY(auto recording, open_recording(request.recording, options));

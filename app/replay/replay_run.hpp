@@ -26,8 +26,9 @@ struct ComparedTechnique {
 // `threads`: with more than 1, decoding, tracking, drawing and encoding run in parallel.
 struct ReplayRequest : RunRequest {
   std::filesystem::path recording;
-  std::string camera_name;                    // selects one camera of a camera.yaml with several
-  std::optional<std::filesystem::path> tags;  // replaces the recording's tags.yaml
+  std::optional<std::filesystem::path> camera;  // replaces the recording's camera.yaml
+  std::string camera_name;                      // selects one camera of a file with several
+  std::optional<std::filesystem::path> tags;    // replaces the recording's tags.yaml
   // Techniques to draw side by side in one image, at least two; `plan` is then ignored.
   std::vector<ComparedTechnique> compare;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file; replaces the tracker

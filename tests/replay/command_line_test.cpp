@@ -8,7 +8,9 @@
 #include <regex>
 #include <set>
 
+#include "core/camera/camera_file.hpp"
 #include "core/geometry/trajectory.hpp"
+#include "core/text/text.hpp"
 #include "render/scene/technique.hpp"
 #include "replay_support.hpp"
 
@@ -593,6 +595,28 @@ TEST(EvaluateCommand, ReportsTimeOffset) {
   EXPECT_THAT(penumbra(arguments).out, testing::Not(HasSubstr("time offset")));
   arguments.emplace_back("--json");
   EXPECT_EQ(nlohmann::json::parse(penumbra(arguments).out)["time_offset_s"], 0.0);
+}
+
+TEST(ReplayCommand, UsesCameraOfCalibrationOption) {
+  const TemporaryFolder folder;
+  const auto replay = [&](const std::string& camera, const std::string& poses) {
+    return penumbra({"replay", bundled("tabletop"), "--frames", "0:2", "--shadow", "none",
+                     "--no-window", "--calibration", camera, "--poses", poses});
+  };
+  const auto text_of = [](const std::string& file) {
+    return read_text_file(file, 1 << 20).value();
+  };
+  const std::string given = folder.path() / "given.tum";
+  const std::string other = folder.path() / "other.tum";
+  ASSERT_EQ(replay(bundled("tabletop") + "/camera.yaml", given).exit_code, 0);
+  auto camera = load_camera(bundled("tabletop") + "/camera.yaml").value().parameters();
+  camera.fx *= 1.01;
+  camera.fy *= 1.01;
+  const std::string file = folder.path() / "camera.yaml";
+  ASSERT_TRUE(save_camera(file, CameraModel::make(camera).value()));
+  ASSERT_EQ(replay(file, other).exit_code, 0);
+  EXPECT_NE(text_of(given), text_of(other));
+  expect_failure(replay(folder.path() / "absent.yaml", other), {"absent.yaml"});
 }
 
 TEST(EvaluateCommand, RequiresCameraNameForMultiCameraFile) {
