@@ -602,8 +602,8 @@ std::string map_refinement_line(const MapRefinementReport& refinement, const std
                         refinement.keyframes);
   }
   if (file.empty()) return line + "; not written (--refine-map FILE writes it)\n";
-  return line + fmt::format("; {}: {}\n", refinement.refinements > 0 ? "written to" : "given map",
-                            file);
+  return line +
+         fmt::format("; {}: {}\n", refinement.refinements > 0 ? "written to" : "given map", file);
 }
 
 }  // namespace
