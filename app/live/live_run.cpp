@@ -185,8 +185,9 @@ class LiveLoop {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     TrackedFrame tracked = setup_.session->track(frame);
     image_faults_.observe(tracked);
-    refine_map(tracked);
+    // Before the map changes: this frame's pose comes from the previous map.
     setup_.residual_watch->observe(tracked);
+    refine_map(tracked);
     return tracked;
   }
   void refine_map(const TrackedFrame& tracked);

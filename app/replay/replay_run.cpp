@@ -292,13 +292,14 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   if (!frame) return std::optional<TrackedItem>();
   TrackedFrame done = setup_.view->track(*frame);
   if (image_faults_) image_faults_->observe(done);
+  // Before the map changes: this frame's pose comes from the previous map.
+  if (setup_.residual_watch) setup_.residual_watch->observe(done);
   if (refinement_) {
     if (const auto map = refinement_->observe(done)) {
       PENUMBRA_TRY_VOID(setup_.view->set_tag_map(*map));
       PENUMBRA_TRY_VOID(setup_.residual_watch->restart(*map));
     }
   }
-  if (setup_.residual_watch) setup_.residual_watch->observe(done);
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
 }
 

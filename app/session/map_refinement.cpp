@@ -9,7 +9,14 @@ namespace penumbra {
 
 MapRefinement::MapRefinement(const CameraModel& camera, const TagMap& given,
                              RefinementTiming timing)
-    : camera_(camera), given_(given), timing_(timing), keyframes_(camera, given), current_(given) {}
+    : camera_(camera), given_(given), timing_(timing), keyframes_(camera, given), current_(given) {
+  if (camera.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0) {
+    log_warning(
+        "--refine-map measures tags as if all rows were exposed at once; move the camera slowly, "
+        "or "
+        "use penumbra map, which corrects the row time");
+  }
+}
 
 std::optional<TagMap> MapRefinement::observe(const TrackedFrame& tracked) {
   const TrackStatus status = tracked.pose.status;
@@ -18,7 +25,7 @@ std::optional<TagMap> MapRefinement::observe(const TrackedFrame& tracked) {
     const std::lock_guard lock(mutex_);
     report_.keyframes = keyframes_.added();
   }
-  if (due_ && !running_.valid()) begin();
+  if (due_ && !running_.valid() && !stop_.stop_requested()) begin();
   return take();
 }
 

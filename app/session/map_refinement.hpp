@@ -19,7 +19,7 @@ namespace penumbra {
 
 // When a refinement is used.
 enum class RefinementTiming {
-  in_frame,   // its last keyframe waits for it, so results do not depend on the machine
+  in_frame,   // the frame of the last keyframe waits for it: results do not depend on the machine
   when_done,  // it runs in a thread; the first frame after its end uses it
 };
 

@@ -87,9 +87,12 @@ Result<std::unique_ptr<ResidualWatch>> ResidualWatch::create(const CameraModel& 
 }
 
 Result<void> ResidualWatch::restart(const TagMap& map) {
-  tags_ = spread_tags(map, kMaxTags);
-  PENUMBRA_TRY(meter_, TagCornerMeter::create(camera_, tags_));
+  std::vector<MappedTag> tags = spread_tags(map, kMaxTags);
+  PENUMBRA_TRY(meter_, TagCornerMeter::create(camera_, tags));
+  tags_ = std::move(tags);
   frames_.clear();
+  measured_.reset();
+  failures_ = 0;
   latest_.reset();
   error_px_ = 0.0;
   const std::lock_guard lock(mutex_);
@@ -107,22 +110,28 @@ void ResidualWatch::observe(TrackedFrame& tracked) {
     latest_.reset();
     if (std::ranges::find(kTests, frames_.size()) != kTests.end()) test();
   }
-  if (here.pose && frames_.size() < kMaxFrames && shows_another_view(*here.pose))
-    measure(frame, here);
+  if (here.pose && wants_frames() && shows_another_view(*here.pose)) measure(frame, here);
   previous_ = here;
   add_error(tracked.pose);
 }
 
+bool ResidualWatch::wants_frames() const {
+  return tags_.size() >= kMinResidualTags && frames_.size() < kMaxFrames && failures_ < kMaxFrames;
+}
+
 bool ResidualWatch::shows_another_view(const MapFromCamera& pose) const {
-  return frames_.empty() ||
-         overlay_difference(camera_, pose, frames_.back().T_map_camera).rms_px() >= kOtherView_px;
+  return !measured_ || overlay_difference(camera_, pose, *measured_).rms_px() >= kOtherView_px;
 }
 
 void ResidualWatch::measure(const Frame& frame, const TimedPose& here) {
   const TimedPose* before = previous_ ? &*previous_ : nullptr;
   FrameCorners corners =
       meter_.measure(luma(frame, scratch_), *here.pose, velocity_at(before, here, nullptr));
-  if (corners.tags.size() < kMinResidualTags) return;
+  measured_ = here.pose;
+  if (corners.tags.size() < kMinResidualTags) {
+    ++failures_;
+    return;
+  }
   frames_.push_back(std::move(corners));
   latest_ = Neighbours{previous_, here};
 }
@@ -152,9 +161,9 @@ void ResidualWatch::log_causes(const ResidualCauses& causes) {
   }
   if (significant || std::exchange(logged_unclear_, true)) return;
   log_warning(
-      "the tags are systematically off by {:.2f} px, which displaces the overlay by about {:.1f} "
-      "px; "
-      "the {} seems wrong: penumbra map --refine-camera",
+      "the tag corners have a systematic residual of {:.2f} px, which displaces the overlay by "
+      "about "
+      "{:.1f} px; the {} seems wrong: penumbra map --refine-camera",
       causes.rms_px, causes.pose_px, error_text_);
 }
 

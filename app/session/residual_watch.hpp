@@ -28,8 +28,8 @@ class ResidualWatch {
 
   // Call this for every tracked frame in order. Measures the corners of the tags in up to
   // kMaxFrames frames from different views, and tests their residuals. Logs each cause
-  // once, with the remedy. Adds the error that the causes make to the predicted error of the
-  // table's pose, which is uncertain if that error is too large.
+  // once, with the remedy. Adds the overlay error because of the causes to the predicted error of
+  // the table's pose. If the sum is too large, the pose becomes uncertain.
   void observe(TrackedFrame& tracked);
   static constexpr int kMaxFrames = 64;
 
@@ -48,6 +48,8 @@ class ResidualWatch {
     TimedPose here;
   };
 
+  // Returns false once enough frames were measured, or too many could not be.
+  [[nodiscard]] bool wants_frames() const;
   [[nodiscard]] bool shows_another_view(const MapFromCamera& pose) const;
   void measure(const Frame& frame, const TimedPose& here);
   void test();
@@ -57,9 +59,11 @@ class ResidualWatch {
   CameraModel camera_;
   std::vector<MappedTag> tags_;
   TagCornerMeter meter_;
-  std::vector<FrameCorners> frames_;   // measured so far
-  std::optional<TimedPose> previous_;  // of the previous frame
-  std::optional<Neighbours> latest_;   // of frames_.back(), until the next frame
+  std::vector<FrameCorners> frames_;       // measured so far
+  std::optional<MapFromCamera> measured_;  // pose of the latest frame that measure() was called for
+  int failures_ = 0;                       // frames in which too few tags could be measured
+  std::optional<TimedPose> previous_;      // of the previous frame
+  std::optional<Neighbours> latest_;       // of frames_.back(), until the next frame
   std::array<bool, kErrorCauses> logged_{};
   bool logged_unclear_ = false;
   std::vector<std::uint8_t> scratch_;
