@@ -137,7 +137,7 @@ std::string causes_table(const ResidualCauses& causes, double given_row_s) {
   text += fmt::format("{:<10}{:>5.1f} % {:>5.3f} px\n", "noise",
                       100.0 * std::min(1.0 - causes.explained, 1.0), causes.noise_px);
   text +=
-      "  alone: share of the squared residuals, and their RMS, that this cause explains by itself\n"
+      "  alone: share of the squared residuals, and their RMS, that this cause alone explains\n"
       "  unique: share that no other cause explains; the shares of the causes do not add up\n"
       "  paper: tags are not where the map has them; lens: the lens differs from the camera file;\n"
       "  shutter: rows are exposed one after another; noise: what no cause explains\n";

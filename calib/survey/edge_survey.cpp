@@ -11,7 +11,7 @@ namespace {
 constexpr int kMaxRounds = 4;
 constexpr double kMaxHeightChange_m = 2e-5;  // below the accuracy of edges
 
-// Returns a bound of the changes of the tags' heights by their curvatures [m].
+// Returns an upper bound of the height change that the new curvatures cause [m].
 double largest_height_change(const TagSurvey& before, const TagSurvey& after) {
   double largest_m = 0.0;
   for (const SurveyedTag& tag : after.tags) {

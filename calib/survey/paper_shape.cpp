@@ -57,8 +57,8 @@ void set_curvatures(TagSurvey& survey, std::span<const SurveyFrame> frames) {
     gain += half[0].gain(half[1].solve()) + half[1].gain(half[0].solve());
   if (!(gain > 0.0)) return;
   std::map<int, TagCurvature> curvatures;  // by tag id
-  double squares =
-      0.0;  // of the heights at two corners and the middles of two sides, over the size
+  // Sum over two corners and the middles of two sides: (height / size)^2.
+  double squares = 0.0;
   for (const SurveyedTag& tag : survey.tags) {
     const std::array<CurvatureSum, 2>& half = halves.at(tag.tag.id);
     CurvatureSum all = half[0];

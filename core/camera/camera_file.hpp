@@ -45,7 +45,7 @@ enum class CameraFileFormat { ros, opencv, kalibr };
                                                          CameraFileFormat format);
 
 // How a camera was calibrated. Stored in extra keys, which readers of ROS and OpenCV files ignore.
-// NaN: unknown; the key is then left out.
+// NaN: unknown; then the key is omitted.
 struct CalibrationRecord {
   static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   std::string calibrated_on;  // "2026-03-01"

@@ -51,7 +51,7 @@ TEST_F(RefineMap, KeepsMapOfFlatSheet) {
   EXPECT_EQ(bytes_of(file("map.yaml")), tag_map_text(given));
 }
 
-TEST_F(RefineMap, SaysWhyShortRecordingIsNotRefined) {
+TEST_F(RefineMap, ReportsWhyShortRecordingIsNotRefined) {
   const nlohmann::json report =
       replayed(bundled("tabletop"), "short", {"--frames", "0:3", "--refine-map"});
   EXPECT_TRUE(report["map_refinement"]["file"].is_null());

@@ -15,7 +15,7 @@ namespace {
 // Unknowns: six per tag (translation and rotation of the tag), then the camera's.
 constexpr Eigen::Index kPerTag = 6;
 constexpr Eigen::Index kLens = 5;  // focal length, centre x and y, radial of third and fifth order
-constexpr Eigen::Index kOfCamera = kLens + 1;  // lens parameters and row time
+constexpr Eigen::Index kCameraUnknowns = kLens + 1;  // lens parameters and row time
 // Priors (1 sigma). Every unknown is in units of its prior, which only bounds directions that the
 // data do not determine.
 constexpr double kPaperPrior_m = 0.005;  // shift of a tag, and of its corners by its rotation
@@ -45,10 +45,10 @@ struct View {
   Vector8d residual;  // measured - predicted [px]
   Eigen::Matrix<double, 8, 6> pose;
   Eigen::Matrix<double, 8, kPerTag> paper;
-  Eigen::Matrix<double, 8, kOfCamera> camera;
+  Eigen::Matrix<double, 8, kCameraUnknowns> camera;
 };
 
-// The overlay cube, of which corners behind the camera are zero.
+// Derivatives of the corners of the overlay cube; zero for corners behind the camera.
 struct CubeView {
   Eigen::Matrix<double, 16, 6> pose = Eigen::Matrix<double, 16, 6>::Zero();
   Eigen::Matrix<double, 16, kLens> lens = Eigen::Matrix<double, 16, kLens>::Zero();
@@ -160,7 +160,7 @@ struct NormalEquations {
   int frames = 0;
 
   explicit NormalEquations(std::size_t tags) {
-    const Eigen::Index size = kPerTag * static_cast<Eigen::Index>(tags) + kOfCamera;
+    const Eigen::Index size = kPerTag * static_cast<Eigen::Index>(tags) + kCameraUnknowns;
     A.setZero(size, size);
     b.setZero(size);
   }
@@ -182,7 +182,7 @@ struct NormalEquations {
 
 void NormalEquations::add(const FrameViews& frame) {
   if (frame.used() < kMinResidualTags) return;
-  const Eigen::Index camera = A.rows() - kOfCamera;
+  const Eigen::Index camera = A.rows() - kCameraUnknowns;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
   Eigen::MatrixXd cross = Eigen::MatrixXd::Zero(6, A.rows());  // pose by unknowns
@@ -193,13 +193,14 @@ void NormalEquations::add(const FrameViews& frame) {
     H += w * view.pose.transpose() * view.pose;
     g += w * view.pose.transpose() * view.residual;
     cross.middleCols<kPerTag>(at) += w * view.pose.transpose() * view.paper;
-    cross.rightCols<kOfCamera>() += w * view.pose.transpose() * view.camera;
+    cross.rightCols<kCameraUnknowns>() += w * view.pose.transpose() * view.camera;
     A.block<kPerTag, kPerTag>(at, at) += w * view.paper.transpose() * view.paper;
-    A.block<kPerTag, kOfCamera>(at, camera) += w * view.paper.transpose() * view.camera;
-    A.block<kOfCamera, kPerTag>(camera, at) += w * view.camera.transpose() * view.paper;
-    A.bottomRightCorner<kOfCamera, kOfCamera>() += w * view.camera.transpose() * view.camera;
+    A.block<kPerTag, kCameraUnknowns>(at, camera) += w * view.paper.transpose() * view.camera;
+    A.block<kCameraUnknowns, kPerTag>(camera, at) += w * view.camera.transpose() * view.paper;
+    A.bottomRightCorner<kCameraUnknowns, kCameraUnknowns>() +=
+        w * view.camera.transpose() * view.camera;
     b.segment<kPerTag>(at) += w * view.paper.transpose() * view.residual;
-    b.tail<kOfCamera>() += w * view.camera.transpose() * view.residual;
+    b.tail<kCameraUnknowns>() += w * view.camera.transpose() * view.residual;
     squares += w * view.residual.squaredNorm();
     corners += 4.0 * w;
   }
@@ -220,7 +221,8 @@ constexpr Causes bit(std::size_t cause) {
 }
 
 std::vector<Eigen::Index> unknowns_of(Causes causes, Eigen::Index size) {
-  const std::array<Eigen::Index, kErrorCauses + 1> begin = {0, size - kOfCamera, size - 1, size};
+  const std::array<Eigen::Index, kErrorCauses + 1> begin = {0, size - kCameraUnknowns, size - 1,
+                                                            size};
   std::vector<Eigen::Index> unknowns;
   for (std::size_t cause = 0; cause < kErrorCauses; ++cause) {
     if ((causes & bit(cause)) == 0) continue;
@@ -250,10 +252,10 @@ NormalEquations equations_of(std::span<const FrameViews> frames, std::size_t tag
   return equations;
 }
 
-// Returns what the unknowns add to the pixels of a view.
+// Returns the displacement of a view's corners by the unknowns [px].
 Vector8d effect_of(const Eigen::VectorXd& x, const View& view) {
   return view.paper * x.segment<kPerTag>(kPerTag * static_cast<Eigen::Index>(view.tag)) +
-         view.camera * x.tail<kOfCamera>();
+         view.camera * x.tail<kCameraUnknowns>();
 }
 
 // Residual of each view with these unknowns, RMS distance of its corners [px].
@@ -268,8 +270,8 @@ std::vector<double> view_residuals_px(const FrameViews& frame, const Eigen::Vect
   return residuals;
 }
 
-// Lens of the image that the overlay is compared with: of the camera, or the given one.
-enum class ImageLens { of_camera, given };
+// Lens that projects the reference overlay.
+enum class ImageLens { true_lens, given };
 
 // Overlay error of poses that absorb the effect of these unknowns, RMS over the frames [px].
 double overlay_px(std::span<const FrameViews> frames, const Eigen::VectorXd& x, ImageLens lens) {
@@ -279,7 +281,8 @@ double overlay_px(std::span<const FrameViews> frames, const Eigen::VectorXd& x, 
     const auto xi = fit_pose(frame, [&](const View& view) { return effect_of(x, view); });
     if (!xi) continue;
     Eigen::Matrix<double, 16, 1> error = frame.cube.pose * *xi;
-    if (lens == ImageLens::of_camera) error -= frame.cube.lens * x.tail<kOfCamera>().head<kLens>();
+    if (lens == ImageLens::true_lens)
+      error -= frame.cube.lens * x.tail<kCameraUnknowns>().head<kLens>();
     sum += error.squaredNorm();
     corners += frame.cube.corners;
   }
@@ -304,7 +307,8 @@ void mark_outliers(std::vector<FrameViews>& frames, std::size_t tags) {
   }
 }
 
-// Fraction of the squares of one half of the frames that the fit to the other half explains.
+// Two-fold cross-validation: fraction of the squared residuals of one half of the frames that a fit
+// to the other half explains.
 class CrossValidation {
  public:
   CrossValidation(const NormalEquations& odd, const NormalEquations& even)
@@ -343,13 +347,14 @@ CauseSizes sizes_of(const Eigen::VectorXd& x, std::span<const MappedTag> tags,
   }
   sizes.off_flat_m = std::sqrt(off / std::max(corners, 1));
   sizes.in_plane_m = std::sqrt(in / std::max(corners, 1));
-  const Eigen::Matrix<double, kOfCamera, 1> of_camera = x.tail<kOfCamera>();
-  sizes.focal_fraction = kFocalPrior * of_camera[0];
-  sizes.centre_px = kCentrePrior_px * of_camera.segment<2>(1);
+  const Eigen::Matrix<double, kCameraUnknowns, 1> camera_unknowns = x.tail<kCameraUnknowns>();
+  sizes.focal_fraction = kFocalPrior * camera_unknowns[0];
+  sizes.centre_px = kCentrePrior_px * camera_unknowns.segment<2>(1);
   const double half_width_px = 0.5 * camera.width();
   const double r2 = std::pow(half_width_px / camera.parameters().fx, 2);
-  sizes.radial_px = kRadialPrior * half_width_px * r2 * (of_camera[3] + r2 * of_camera[4]);
-  sizes.row_time_s = kRowPrior_s * of_camera[5];
+  sizes.radial_px =
+      kRadialPrior * half_width_px * r2 * (camera_unknowns[3] + r2 * camera_unknowns[4]);
+  sizes.row_time_s = kRowPrior_s * camera_unknowns[5];
   return sizes;
 }
 
@@ -358,7 +363,7 @@ struct BlockFits {
   Eigen::VectorXd x;
   std::vector<Eigen::VectorXd> without_block;
 
-  // Standard deviation of what `value` returns the magnitude of, for a difference of two fits.
+  // Jackknife standard deviation. `value`: magnitude of the difference of two fits.
   [[nodiscard]] double sigma(const auto& value) const {
     double sum = 0.0;
     for (const Eigen::VectorXd& other : without_block)
@@ -450,7 +455,7 @@ void measure_causes(const CameraModel& camera, std::span<const MappedTag> tags,
                     std::span<const FrameViews> frames, const NormalEquations& all,
                     ResidualCauses& result) {
   const auto overlay = [&](const Eigen::VectorXd& x) {
-    return overlay_px(frames, x, ImageLens::of_camera);
+    return overlay_px(frames, x, ImageLens::true_lens);
   };
   const Causes significant = significant_causes(result);
   const BlockFits joint =
@@ -479,13 +484,13 @@ void measure_causes(const CameraModel& camera, std::span<const MappedTag> tags,
         fits.sigma([&](const Eigen::VectorXd& x) { return size(x).row_time_s; });
     copy_size(sizes, static_cast<ErrorCause>(cause), result.sizes);
     const std::vector<Eigen::Index> unknowns = unknowns_of(bit(cause), fits.x.size());
-    const auto overlay_of_cause = [&](const Eigen::VectorXd& x) {
+    const auto cause_overlay_px = [&](const Eigen::VectorXd& x) {
       Eigen::VectorXd only = Eigen::VectorXd::Zero(x.size());
       for (const Eigen::Index i : unknowns) only[i] = x[i];
       return overlay(only);
     };
-    evidence.overlay_px = overlay_of_cause(fits.x);
-    evidence.overlay_sigma_px = fits.sigma(overlay_of_cause);
+    evidence.overlay_px = cause_overlay_px(fits.x);
+    evidence.overlay_sigma_px = fits.sigma(cause_overlay_px);
   }
 }
 
@@ -495,8 +500,8 @@ ResidualCauses find_residual_causes(const CameraModel& camera, std::span<const M
                                     std::span<const FrameCorners> frames) {
   std::vector<FrameViews> views;
   for (const FrameCorners& frame : frames) {
-    FrameViews of_frame = views_of(camera, tags, frame);
-    if (of_frame.used() >= kMinResidualTags) views.push_back(std::move(of_frame));
+    FrameViews frame_views = views_of(camera, tags, frame);
+    if (frame_views.used() >= kMinResidualTags) views.push_back(std::move(frame_views));
   }
   ResidualCauses result;
   if (static_cast<int>(views.size()) < kMinResidualFrames) return result;
@@ -507,10 +512,10 @@ ResidualCauses find_residual_causes(const CameraModel& camera, std::span<const M
   NormalEquations all = even;
   all.add(odd, 1);
   result.frames = all.frames;
-  for (const FrameViews& of_frame : views) {
-    const int used = static_cast<int>(of_frame.used());
+  for (const FrameViews& frame_views : views) {
+    const int used = static_cast<int>(frame_views.used());
     result.corners += 4 * used;
-    result.outliers += static_cast<int>(of_frame.views.size()) - used;
+    result.outliers += static_cast<int>(frame_views.views.size()) - used;
   }
   result.rms_px = std::sqrt(std::max(all.squares, 0.0) / all.corners);
   judge(CrossValidation(odd, even), result);

@@ -79,7 +79,7 @@ struct ResidualCauses {
   double pose_px = 0.0;
   std::array<CauseEvidence, kErrorCauses> evidence{};  // by ErrorCause
   CauseSizes sizes;
-  // As in `sizes`, but in every case, and from a fit that includes the paper: tags that were mapped
+  // Row time from a joint fit with the paper, also if it is not significant. Tags that were mapped
   // from the same frames have absorbed a part of the shutter's effect.
   double joint_row_time_s = 0.0, joint_row_time_sigma_s = 0.0;
 

@@ -193,7 +193,7 @@ TEST_F(LensRefinement, KeepsTrueLensOverUnevenPaper) {
   }
 }
 
-TEST_F(LensRefinement, PrefersUncertaintyOfFileUnlessSweepContradictsIt) {
+TEST_F(LensRefinement, UsesPriorOfFileUnlessInconsistentWithSweep) {
   const auto frames = sweep(camera_, board_, {});
   const CameraModel given = with_wrong_lens(camera_);
   options_.lens_sigmas = {3.0, 3.0, 3.0, 3.0, 0.02, 0.01, 0.001, 0.001, 0.01};

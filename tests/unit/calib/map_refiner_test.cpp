@@ -123,7 +123,7 @@ TEST_F(MapRefinerTest, ReplacesRefinedMapByOneThatIsAboutAsGood) {
   EXPECT_EQ(tag_map_text(*first), tag_map_text(*second));
 }
 
-TEST_F(MapRefinerTest, LeavesFrameWhereItIsWhenOneTagMoved) {
+TEST_F(MapRefinerTest, KeepsTableFrameWhenOneTagMoved) {
   std::vector<MappedTag> given = bent_sheet();
   MappedTag& moved = given[4];
   moved.T_table_tag = {moved.T_table_tag.rotation(),

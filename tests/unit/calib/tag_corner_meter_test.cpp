@@ -73,7 +73,7 @@ TEST(TagCornerMeter, OmitsTagsThatItCannotRead) {
   EXPECT_THAT(tags_of(scene.measure()), testing::ElementsAre(0, 1, 2, 3, 4));
 }
 
-TEST(TagCornerMeter, KnowsTheTagsInView) {
+TEST(TagCornerMeter, ReturnsTagsInView) {
   const Scene scene;
   const TagCornerMeter meter = TagCornerMeter::create(scene.camera, scene.map).value();
   EXPECT_EQ(meter.in_view(as_map_pose(scene.pose)).size(), 6U);

@@ -124,7 +124,7 @@ std::vector<std::string> significant(const ResidualCauses& causes) {
 
 constexpr int kSeeds = 12;
 
-TEST(ResidualCauses, ClaimNothingOnNoise) {
+TEST(ResidualCauses, FindNothingInNoise) {
   for (int seed = 0; seed < kSeeds; ++seed) {
     Errors errors;
     errors.noise_px = 0.02 * std::pow(1.4, seed);  // up to 0.8 px
@@ -214,7 +214,7 @@ TEST(ResidualCauses, RejectCoveredTags) {
   EXPECT_THAT(significant(causes), IsEmpty());
 }
 
-TEST(ResidualCauses, AreNotTestedInFewFramesOrTags) {
+TEST(ResidualCauses, RequireEightFramesAndThreeTags) {
   EXPECT_EQ(causes_of(SweepMaker({}, 4).make(kMinResidualFrames - 1)).frames, 0);
   Sweep sweep = SweepMaker({}, 4).make();
   for (FrameCorners& frame : sweep.frames) frame.tags.resize(2);
