@@ -110,6 +110,12 @@ bool choose(const char* id, const std::string& shown, const auto& names, auto& v
   return chosen;
 }
 
+#if IMGUI_VERSION_NUM >= 18700  // Debian 13
+constexpr auto kKeypadEnter = ImGuiKey_KeypadEnter;
+#else
+constexpr auto kKeypadEnter = ImGuiKey_KeyPadEnter;
+#endif
+
 }  // namespace
 
 bool is_small(GlContext::Size window) {
@@ -131,7 +137,7 @@ struct Overlay::Impl {
     io.KeyMap[ImGuiKey_Backspace] = GLFW_KEY_BACKSPACE;
     io.KeyMap[ImGuiKey_Delete] = GLFW_KEY_DELETE;
     io.KeyMap[ImGuiKey_Enter] = GLFW_KEY_ENTER;
-    io.KeyMap[ImGuiKey_KeyPadEnter] = GLFW_KEY_KP_ENTER;
+    io.KeyMap[kKeypadEnter] = GLFW_KEY_KP_ENTER;
     io.KeyMap[ImGuiKey_Escape] = GLFW_KEY_ESCAPE;
     io.KeyMap[ImGuiKey_LeftArrow] = GLFW_KEY_LEFT;
     io.KeyMap[ImGuiKey_RightArrow] = GLFW_KEY_RIGHT;
