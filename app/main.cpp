@@ -90,24 +90,9 @@ std::optional<std::string> empty_option(const CLI::App& program) {
 }
 
 ExitCode run(int argc, char** argv) {
-  CLI::App program("Handheld augmented reality over a table with AprilTags, with layered penumbrae",
-                   "penumbra");
-  program.formatter(make_help_formatter());  // applies to every command
-  add_common_options(program);
-  program.require_subcommand(1);
-  program.footer(
-      "Exit codes: 0 success (also when ended by Ctrl-C while frames run), 1 failure, 2 wrong "
-      "usage.\n\n"
-      "Example:\n"
-      "  penumbra demo");
   ChosenCommand chosen;
-  for (const auto add :
-       {add_demo_command, add_replay_command, add_live_command, add_devices_command,
-        add_evaluate_command, add_shadow_command, add_target_command, add_calibrate_command,
-        add_map_command, add_kernels_command, add_simulate_command, add_study_command}) {
-    add(program, chosen);
-  }
-
+  const auto owned = make_program(chosen);
+  CLI::App& program = *owned;
   std::vector<std::string> words(argv + 1, argv + argc);
   rewrite_help_command(words);
   std::ranges::reverse(words);  // CLI11 expects the last word first

@@ -20,7 +20,7 @@ struct DemoOptions {
 Result<ExitCode> demo(const DemoOptions& options) {
   PENUMBRA_TRY(const auto resources, find_resources());
   ReplayRequest request = options.request;
-  request.recording = resources / "recordings" / "tabletop";
+  PENUMBRA_TRY(request.recording, find_bundled_recording_in(resources, "tabletop"));
   request.scene = resources / "scenes" / "default.json";
   PENUMBRA_TRY(const auto report, run_replay(request));
   if (report.failure) {

@@ -36,6 +36,8 @@ enum class ExitCode : int {
 // The chosen command: set while the command line is parsed, called afterwards.
 using ChosenCommand = std::function<Result<ExitCode>()>;
 
+// Returns the command line of the program with all commands.
+[[nodiscard]] std::unique_ptr<CLI::App> make_program(ChosenCommand& chosen);
 void add_demo_command(CLI::App& program, ChosenCommand& chosen);
 void add_replay_command(CLI::App& program, ChosenCommand& chosen);
 void add_live_command(CLI::App& program, ChosenCommand& chosen);

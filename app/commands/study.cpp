@@ -74,8 +74,7 @@ Result<ExitCode> study(const StudyOptions& options) {
   if (request.from_camera) {
     PENUMBRA_TRY(request.tags, tags_for_camera(request.tags, request.camera));
   } else if (request.recording.empty()) {
-    PENUMBRA_TRY(const auto resources, find_resources());
-    request.recording = resources / "recordings" / "tabletop";
+    PENUMBRA_TRY(request.recording, find_bundled_recording("tabletop"));
   }
   PENUMBRA_TRY(const auto report, run_study(request));
   fmt::print("{}\nanswers: {}\n", summary_table(request.design.experiment, report.summary),

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <csignal>
+#include <fstream>
 
 #include "app/interrupt.hpp"
 #include "support/paths.hpp"
@@ -15,7 +16,7 @@ namespace fs = std::filesystem;
 
 void make_resources(const fs::path& folder) {
   fs::create_directories(folder / "scenes");
-  fs::create_directories(folder / "recordings");
+  std::ofstream(folder / "scenes" / "default.json") << "{}";
 }
 
 TEST(Resources, AreFoundAboveProgramInSourceTree) {
@@ -52,6 +53,17 @@ TEST(Resources, ReportMissingFolderWithRemedy) {
   const auto found = find_resources_of(root.path() / "bin" / "penumbra", nullptr);
   ASSERT_FALSE(found);
   EXPECT_THAT(found.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
+}
+
+TEST(Resources, ReportMissingRecordingWithItsPackage) {
+  const test::TemporaryFolder root;
+  make_resources(root.path());
+  const auto missing = find_bundled_recording_in(root.path(), "tabletop");
+  ASSERT_FALSE(missing);
+  EXPECT_THAT(missing.error().message, testing::HasSubstr("penumbra-data"));
+  fs::create_directories(root.path() / "recordings" / "tabletop");
+  EXPECT_EQ(find_bundled_recording_in(root.path(), "tabletop"),
+            root.path() / "recordings" / "tabletop");
 }
 
 TEST(InterruptWatch, SurvivesRepeatedSignalsAndRestoresMask) {
