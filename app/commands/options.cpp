@@ -409,8 +409,8 @@ void add_window_options(CLI::App& command, RunRequest& request) {
 
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
   std::vector<std::filesystem::path> outputs;
-  for (const char* name :
-       {"--output", "--poses", "--report", "--group-poses", "--refine-map", "--record"}) {
+  for (const char* name : {"--output", "--poses", "--report", "--group-poses", "--frame-log",
+                           "--refine-map", "--record"}) {
     const CLI::Option* option = command.get_option_no_throw(name);
     if (option == nullptr || option->count() == 0 || option->results().back().empty()) continue;
     outputs.emplace_back(option->results().back());
@@ -489,6 +489,14 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       ->needs(poses);
   add_option(command, "--group-poses", "FOLDER", request.group_poses,
              "Poses (T_table_group) of the tag groups beside the table: NAME.tum of each");
+  const auto set_frame_log = [&request](const std::string& file) {
+    const std::string extension = lower_extension(file);
+    if (!is_stream(file) && extension != ".csv" && extension != ".jsonl")
+      usage_error("--frame-log", "{}: end it in .csv or .jsonl", file);
+    request.frame_log = file;
+  };
+  add_text_option(command, "--frame-log", "FILE", set_frame_log,
+                  "A row per frame and tag group, as *.csv or *.jsonl; - is standard output");
   add_option(command, "--report", "FILE.json", request.report,
              "Report with all measurements, as JSON; - is standard output");
 }
@@ -497,8 +505,8 @@ std::string written_files(const OutputRequest& request,
                           const std::optional<std::filesystem::path>& recording) {
   std::vector<std::string> paths;
   std::error_code ignored;
-  for (const auto& path : {request.output, request.poses, request.group_poses, request.report,
-                           request.refined_map, recording}) {
+  for (const auto& path : {request.output, request.poses, request.group_poses, request.frame_log,
+                           request.report, request.refined_map, recording}) {
     if (path && !names_standard_output(path->string()) &&
         !std::filesystem::is_empty(*path, ignored))
       paths.push_back(path->string());

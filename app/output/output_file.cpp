@@ -357,6 +357,16 @@ fs::path folder_name(const fs::path& path) {
   return name.has_filename() ? name : name.parent_path();
 }
 
+void keep_complete_lines(OutputFile& file) {
+  constexpr std::size_t kMaxBytes = 4'000'000'000;
+  const auto text = read_text_file(file.partial(), kMaxBytes);
+  const std::size_t end = text ? text->rfind('\n') : std::string::npos;
+  if (end == std::string::npos) return;
+  std::error_code error;
+  std::filesystem::resize_file(file.partial(), end + 1, error);
+  if (!error) (void)file.commit();
+}
+
 OutputFolder::~OutputFolder() {
   std::error_code ignored;
   if (!partial_.empty()) fs::remove_all(partial_, ignored);

@@ -54,6 +54,9 @@ class OutputFile {
   int open_ = -1;                  // descriptor of the stream or of the partial file
 };
 
+// Commits the complete lines of a partial text file, after an error of append().
+void keep_complete_lines(OutputFile& file);
+
 // Like OutputFile, for a folder: commit() renames a new folder beside the target to the target.
 class OutputFolder {
  public:

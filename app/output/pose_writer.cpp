@@ -36,13 +36,7 @@ Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
 }
 
 void PoseWriter::rescue() {
-  constexpr std::size_t kMaxBytes = 4'000'000'000;
-  const auto text = read_text_file(file_.partial(), kMaxBytes);
-  const std::size_t end = text ? text->rfind('\n') : std::string::npos;
-  if (end == std::string::npos) return;
-  std::error_code error;
-  std::filesystem::resize_file(file_.partial(), end + 1, error);
-  if (!error) (void)file_.commit();
+  keep_complete_lines(file_);
 }
 
 Result<void> PoseWriter::finish() {

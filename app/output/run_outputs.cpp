@@ -34,8 +34,8 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
 
 Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
   std::error_code ignored;
-  for (const auto& output :
-       {request.output, request.poses, request.report, request.group_poses, request.refined_map}) {
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
+                             request.frame_log, request.refined_map}) {
     if (!output) continue;
     if (output == request.group_poses &&
         (is_stream(*output) ||
@@ -80,7 +80,7 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
     }
   }
   for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
-                             request.refined_map, more}) {
+                             request.frame_log, request.refined_map, more}) {
     if (!output || is_stream(*output)) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
@@ -163,7 +163,7 @@ std::optional<std::vector<std::string>> wanted_groups(const Scene& scene, const 
                                                       const fs::path& tags_file,
                                                       const OutputRequest& request, bool skip) {
   warn_of_unknown_groups(scene, tags, tags_file, "it is not drawn");
-  if (!skip || request.group_poses) return std::nullopt;
+  if (!skip || request.group_poses || request.frame_log) return std::nullopt;
   return tag_groups_of(scene);
 }
 
@@ -178,6 +178,9 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   }
   if (request.poses) {
     PENUMBRA_TRY(outputs.poses, PoseWriter::create(*request.poses, request.poses_all));
+  }
+  if (request.frame_log) {
+    PENUMBRA_TRY(outputs.frame_log, FrameLog::create(*request.frame_log));
   }
   if (request.group_poses) {
     std::error_code error;
@@ -202,6 +205,16 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
     outputs.frames = std::make_unique<BackgroundWriter>(std::move(writer), encode_ahead);
   }
   return outputs;
+}
+
+Result<void> RunOutputs::log(const SessionFrame& frame) {
+  if (!frame_log) return {};
+  auto written = frame_log->write(frame);
+  if (!written) {
+    frame_log->rescue();
+    frame_log.reset();
+  }
+  return written;
 }
 
 Result<void> RunOutputs::write_without_image(const TrackedFrame& frame) {
@@ -251,6 +264,7 @@ Result<void> RunOutputs::finish(RunRecorder& run) {
   }
   for (auto& [unused, writer] : group_poses) finish_or_rescue(writer);
   if (poses) finish_or_rescue(*poses);
+  if (frame_log) finish_or_rescue(*frame_log);
   return result;
 }
 
@@ -265,6 +279,13 @@ Result<void> RunOutputs::write_refined_map(const TagMap& map) {
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {
+  auto logged = outputs_.log(frame);
+  auto written = write_frame(frame, pixels);
+  return logged ? written : logged;
+}
+
+Result<void> LateOutputs::write_frame(const SessionFrame& frame,
+                                      std::span<const std::uint8_t> pixels) {
   if (frame.when_read_back != ReadBackTime::later) {
     auto rest = write_pending();
     auto written = outputs_.write(frame.tracked, pixels, run_);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "app/output/background_writer.hpp"
+#include "app/output/frame_log.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/pose_writer.hpp"
 #include "app/recording/recording_source.hpp"
@@ -29,6 +30,7 @@ struct OutputRequest {
   std::optional<std::filesystem::path> poses;
   bool poses_all = false;                            // also writes uncertain and held poses
   std::optional<std::filesystem::path> group_poses;  // folder for a file NAME.tum per tag group
+  std::optional<std::filesystem::path> frame_log;    // *.csv or *.jsonl
   std::optional<std::filesystem::path> report;
   std::optional<std::filesystem::path> refined_map;  // tags.yaml
 };
@@ -49,6 +51,7 @@ struct RunOutputs {
   std::unique_ptr<BackgroundWriter> frames;
   std::optional<PoseWriter> poses;
   std::map<std::string, PoseWriter> group_poses;  // by name of the tag group
+  std::optional<FrameLog> frame_log;
   std::optional<OutputFile> report;
   std::optional<OutputFile> refined_map;
 
@@ -57,6 +60,8 @@ struct RunOutputs {
   // others continue. Returns the first error.
   [[nodiscard]] Result<void> write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
+  // Writes the rows of a frame to the frame log. Fails as write().
+  [[nodiscard]] Result<void> log(const SessionFrame& frame);
   // Writes a frame whose image could not be read back.
   [[nodiscard]] Result<void> write_without_image(const TrackedFrame& frame);
   // Completes frames and poses. If one output fails, the others are still completed.
@@ -64,7 +69,7 @@ struct RunOutputs {
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
   [[nodiscard]] Result<void> write_refined_map(const TagMap& map);
   // Returns true if any output is written per frame.
-  [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
+  [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty() || frame_log; }
 };
 // Opens the requested outputs. `groups`: tag groups for `group_poses`. `encode_ahead`: queue length
 // of the encoder's thread [frames]; 0: no thread.
@@ -89,6 +94,8 @@ class LateOutputs {
   [[nodiscard]] Result<void> write_pending();
 
  private:
+  [[nodiscard]] Result<void> write_frame(const SessionFrame& frame,
+                                         std::span<const std::uint8_t> pixels);
   Session* session_;
   RunOutputs& outputs_;
   RunRecorder& run_;
