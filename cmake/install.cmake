@@ -1,0 +1,13 @@
+# Installs the program with its data, documents, man pages and completions.
+install(TARGETS penumbra RUNTIME)
+install(DIRECTORY scenes DESTINATION ${CMAKE_INSTALL_DATADIR}/penumbra)
+install(DIRECTORY recordings DESTINATION ${CMAKE_INSTALL_DATADIR}/penumbra COMPONENT recordings)
+install(FILES packages.txt README.md BENCHMARKS.md CHANGELOG.md CITATION.cff LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY packaging/man/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES packaging/penumbra.desktop DESTINATION ${CMAKE_INSTALL_DATADIR}/applications)
+install(FILES packaging/org.penumbra.Penumbra.metainfo.xml DESTINATION ${CMAKE_INSTALL_DATADIR}/metainfo)
+install(FILES packaging/penumbra.svg DESTINATION ${CMAKE_INSTALL_DATADIR}/icons/hicolor/scalable/apps)
+install(FILES packaging/completions/penumbra.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME penumbra)
+install(FILES packaging/completions/_penumbra DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
+install(FILES packaging/completions/penumbra.fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
