@@ -249,10 +249,14 @@ TEST(FramePlan, SkipsLastLightsBeyondPlaneLimit) {
 
 TEST(RenderWork, HasTextForEveryReason) {
   const Scene scene;
-  for (int i = 0; !key_of(static_cast<SkipReason>(i)).empty(); ++i)
+  for (int i = 0; i < static_cast<int>(SkipReason::count); ++i) {
+    EXPECT_FALSE(key_of(static_cast<SkipReason>(i)).empty()) << i;
     EXPECT_FALSE(text_of(SkippedPass{static_cast<SkipReason>(i), 0, 0}, scene).empty()) << i;
-  for (int i = 0; !key_of(static_cast<KeepReason>(i)).empty(); ++i)
+  }
+  for (int i = 0; i < static_cast<int>(KeepReason::count); ++i) {
+    EXPECT_FALSE(key_of(static_cast<KeepReason>(i)).empty()) << i;
     EXPECT_FALSE(text_of(KeptResult{static_cast<KeepReason>(i), 0, 0}, scene).empty()) << i;
+  }
   EXPECT_EQ(key_of(SkipReason::volume_too_far), "volume_too_far");
   EXPECT_EQ(key_of(KeepReason::phantom_mask), "phantom_mask");
 }
