@@ -56,8 +56,6 @@ class Sweep {
     interrupt_.hold();
   }
 
-  // The given camera, with the estimated row time if there is one.
-  [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] bool rolls() const {
     return camera_.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0;
   }
@@ -66,8 +64,7 @@ class Sweep {
   Result<void> detect() {
     PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey_.family}));
     return for_each_frame("frames", [&](const Frame& frame, std::size_t, ImageView luma) {
-      frames_.push_back(
-          {detector.detect(luma), {}, 1e-9 * static_cast<double>(frame.timestamp_ns)});
+      frames_.push_back({detector.detect(luma), {}, seconds(frame.timestamp_ns)});
     });
   }
   // Measures the edges at the surveyed tag positions, with the surveyed curvature and lens.
@@ -129,7 +126,7 @@ class Sweep {
   const Recording& recording_;
   SurveyOptions survey_;
   InterruptWatch interrupt_;
-  CameraModel camera_;
+  CameraModel camera_;  // the given camera, with the estimated row time if there is one
   std::vector<SurveyFrame> frames_;
   std::vector<SurveyFrame> corrected_;  // for the row time; empty: not corrected
 };

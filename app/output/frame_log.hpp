@@ -3,7 +3,6 @@
 #pragma once
 
 #include <filesystem>
-#include <string_view>
 #include <utility>
 
 #include "app/output/output_file.hpp"

@@ -13,8 +13,7 @@ MapRefinement::MapRefinement(const CameraModel& camera, const TagMap& given,
   if (camera.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0) {
     log_warning(
         "--refine-map measures tags as if all rows were exposed at once; move the camera slowly, "
-        "or "
-        "use penumbra map, which corrects the row time");
+        "or use penumbra map, which corrects the row time");
   }
 }
 
