@@ -1,4 +1,11 @@
 # Flags of every target: language, warnings, sanitizers.
+
+# The modules are linked into programs and into the shared library, so they are compiled once, for both. Only what
+# include/penumbra marks with PENUMBRA_API is visible outside the library.
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_CXX_VISIBILITY_PRESET hidden)
+set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
+
 add_library(penumbra_options INTERFACE)
 target_compile_features(penumbra_options INTERFACE cxx_std_20)
 target_include_directories(penumbra_options INTERFACE ${PROJECT_SOURCE_DIR})
@@ -6,6 +13,8 @@ target_compile_options(penumbra_options INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
   # No fused multiply-add: every machine computes the same poses and images.
   -ffp-contract=off
+  # The linker drops unused functions from the library (library/CMakeLists.txt).
+  -ffunction-sections -fdata-sections
   # Keeps paths of the build machine out of the program.
   -fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
@@ -21,10 +30,12 @@ if(PENUMBRA_SANITIZE)
   target_link_options(penumbra_options INTERFACE -fsanitize=${PENUMBRA_SANITIZE})
 endif()
 
-# penumbra_module(NAME LIBS...): builds a static library from the .cpp files in this folder and below.
+# penumbra_module(NAME LIBS...): builds a static library from the .cpp files in this folder and below, without those of
+# PENUMBRA_OTHER_SOURCES, which belong to another library.
 function(penumbra_module name)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cpp)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$|/commands/")
+  list(REMOVE_ITEM sources ${PENUMBRA_OTHER_SOURCES} "")
   add_library(penumbra_${name} STATIC ${sources})
   target_link_libraries(penumbra_${name} PUBLIC penumbra_options ${ARGN})
 endfunction()
