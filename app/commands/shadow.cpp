@@ -16,7 +16,9 @@
 namespace penumbra {
 namespace {
 
-Result<ExitCode> run_shadow(const ShadowJob& job) {
+Result<ExitCode> run_shadow(const ShadowJob& given) {
+  ShadowJob job = given;
+  job.on_warning = [](const std::string& warning) { log_warning("{}", warning); };
   for (const std::string& warning : job.warnings) log_warning("{}", warning);
   if (job.constants.light_ratio <= 1.0 && job.has_layers()) {
     log_warning("light ratio a = {:g}: the umbra never vanishes; the usual light has a > 1",

@@ -34,7 +34,7 @@ std::string technique_words(const ShadowJob& job) {
 
 }  // namespace
 
-std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
+std::string shadow_json(const ShadowJob& job, const ModelShadow& result) {
   Json json;
   json["H"] = number_or_inf(job.constants.light_height);
   json["a"] = number_or_inf(job.constants.light_ratio);
@@ -86,7 +86,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   return json.dump() + "\n";
 }
 
-std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
+std::string shadow_table(const ShadowJob& job, const ModelShadow& result) {
   std::string table = fmt::format("{}: {} vertices, {} faces\n", job.model.filename().string(),
                                   result.vertices, result.faces);
   if (job.has_layers()) {
@@ -128,7 +128,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   return table;
 }
 
-ShadowDrawing drawing_of(const ShadowJob& job, const ShadowResult& result) {
+ShadowDrawing drawing_of(const ShadowJob& job, const ModelShadow& result) {
   ShadowDrawing drawing;
   drawing.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
   if (job.has_layers()) {

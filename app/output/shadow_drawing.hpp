@@ -12,10 +12,7 @@
 namespace penumbra {
 
 struct ShadowDrawing {
-  struct Layer {
-    std::string name;  // "umbra", "middle", "penumbra", "shadow"
-    LayerOutline outline;
-  };
+  using Layer = NamedOutline;
   std::string title;
   std::string subtitle;                  // smaller text below the title; may be empty
   std::vector<Layer> layers;             // in drawing order: largest first

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/error.hpp"
@@ -19,6 +20,11 @@ struct LayerPolygon {
 struct LayerOutline {
   double area = 0.0;  // [m^2]
   std::vector<LayerPolygon> polygons;
+};
+
+struct NamedOutline {
+  std::string name;  // "umbra", "middle", "penumbra", "shadow"
+  LayerOutline outline;
 };
 
 // Takes three points per triangle, of either orientation; triangles may overlap. Coordinates are
