@@ -366,16 +366,28 @@ void CameraCalibrator::refine_corners(const CalibrationSolution& solution) {
   }
 }
 
+Result<void> check_tilt(const CalibrationSolution& solution) {
+  const double tilt = degrees(tilt_spread(solution.views));
+  if (tilt >= kMinTilt_deg) return {};
+  return fail(
+      "all {} views show the target parallel to one plane (within {:.1f} degrees), so focal "
+      "length and distance can't be separated; tilt the target by 30 to 45 degrees in several "
+      "directions",
+      solution.views.size(), tilt);
+}
+
+Result<void> check_focal_length(const CalibrationSolution& solution) {
+  const double sigma_f = std::sqrt(solution.covariance(0, 0)) / solution.camera.parameters().fx;
+  if (sigma_f < 0.2) return {};
+  return fail(
+      "the views determine the focal length only to {:.0f} %; tilt the target by 30 to 45 "
+      "degrees in several directions",
+      sigma_f * 100.0);
+}
+
 Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solution,
                                               const std::vector<CalibrationView>& views) const {
-  const double tilt = degrees(tilt_spread(solution.views));
-  if (tilt < kMinTilt_deg) {
-    return fail(
-        "all {} views show the target parallel to one plane (within {:.1f} degrees), so focal "
-        "length and distance can't be separated; tilt the target by 30 to 45 degrees in several "
-        "directions",
-        views.size(), tilt);
-  }
+  PENUMBRA_TRY_VOID(check_tilt(solution));
   if (solution.noise_px > 3.0 || solution.outliers * 2 > solution.corners) {
     if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
     return fail(
@@ -393,14 +405,7 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
           std::abs(*share / (1.0 - *share)) * 100.0, *share > 0.0 ? "larger" : "smaller");
     }
   }
-  const double sigma_f = std::sqrt(solution.covariance(0, 0)) / solution.camera.parameters().fx;
-  if (!(sigma_f < 0.2)) {
-    return fail(
-        "the views determine the focal length only to {:.0f} %; tilt the target by 30 to 45 "
-        "degrees in several directions",
-        sigma_f * 100.0);
-  }
-  return {};
+  return check_focal_length(solution);
 }
 
 // Estimates the camera response from the tags' edges, for the solved lens and poses. The solved
@@ -484,6 +489,29 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
     result.tone_unknown = tone.error().message;
   }
   return result;
+}
+
+CalibrationRecord record_of(const CameraCalibration& calibration, const Target& target,
+                            const std::string& date, std::optional<double> focus_position) {
+  const CalibrationSolution& solution = calibration.solution;
+  CalibrationRecord record;
+  record.calibrated_on = date;
+  record.target = target.description;
+  record.views = static_cast<int>(solution.views.size());
+  record.rms_px = solution.rms_px;
+  record.held_out_px = calibration.held_out_px;
+  record.projection_mean_px = calibration.uncertainty.mean_px;
+  record.projection_largest_px = calibration.uncertainty.largest_px;
+  if (const auto& table = calibration.table) {
+    record.table_distance_m = table->distance_m;
+    record.table_tracked_px.assign(table->tracked_px.begin(), table->tracked_px.end());
+    record.table_known_pose_px.assign(table->known_pose_px.begin(), table->known_pose_px.end());
+  }
+  for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i)
+    record.standard_deviations.push_back(std::sqrt(std::max(solution.covariance(i, i), 0.0)));
+  record.focus_position = focus_position;
+  if (calibration.tone) record.tone_curve_sigma = calibration.tone->sigma;
+  return record;
 }
 
 }  // namespace penumbra

@@ -15,6 +15,7 @@
 #include "calib/solver/table_volume.hpp"
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"
+#include "core/camera/camera_file.hpp"
 #include "tracking/alignment/tone_estimator.hpp"
 #include "tracking/detection/image_check.hpp"
 
@@ -84,6 +85,11 @@ struct ProjectionDifference {
 [[nodiscard]] std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
                                                       std::span<const double> shifts_px);
 
+// Fails if the views differ too little in tilt.
+[[nodiscard]] Result<void> check_tilt(const CalibrationSolution& solution);
+// Fails if the focal length is determined to 20 % or worse.
+[[nodiscard]] Result<void> check_focal_length(const CalibrationSolution& solution);
+
 enum class CalibrationGrade { good, usable, poor };
 [[nodiscard]] std::string_view to_string(CalibrationGrade grade);
 
@@ -107,6 +113,12 @@ struct CameraCalibration {
 
 // Sets uncertainty, grade, advice and verdict from the other members (docs/calibration.md#verdict).
 void judge(CameraCalibration& calibration);
+
+// Returns the record for the camera file. `date`: "2026-03-01". `focus_position`: of the camera's
+// focus control.
+[[nodiscard]] CalibrationRecord record_of(const CameraCalibration& calibration,
+                                          const Target& target, const std::string& date,
+                                          std::optional<double> focus_position = std::nullopt);
 
 class CameraCalibrator {
  public:

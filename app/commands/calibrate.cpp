@@ -77,29 +77,6 @@ void check_model_of_format(const CalibrateOptions& options) {
               to_string(format), fmt::join(possible, " or "));
 }
 
-CalibrationRecord record_of(const CameraCalibration& calibration, const Target& target,
-                            const std::string& date, std::optional<double> focus_position) {
-  const CalibrationSolution& solution = calibration.solution;
-  CalibrationRecord record;
-  record.calibrated_on = date;
-  record.target = target.description;
-  record.views = static_cast<int>(solution.views.size());
-  record.rms_px = solution.rms_px;
-  record.held_out_px = calibration.held_out_px;
-  record.projection_mean_px = calibration.uncertainty.mean_px;
-  record.projection_largest_px = calibration.uncertainty.largest_px;
-  if (const auto& table = calibration.table) {
-    record.table_distance_m = table->distance_m;
-    record.table_tracked_px.assign(table->tracked_px.begin(), table->tracked_px.end());
-    record.table_known_pose_px.assign(table->known_pose_px.begin(), table->known_pose_px.end());
-  }
-  for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i)
-    record.standard_deviations.push_back(std::sqrt(std::max(solution.covariance(i, i), 0.0)));
-  record.focus_position = focus_position;
-  if (calibration.tone) record.tone_curve_sigma = calibration.tone->sigma;
-  return record;
-}
-
 void print_summary(const CameraCalibration& calibration) {
   constexpr int kMaxPerReason = 8;
   const auto listed = images_to_report(calibration.images, kMaxPerReason);

@@ -7,8 +7,8 @@
 #include <cmath>
 
 #include "calib/solver/intrinsics_solver.hpp"
+#include "calib/target/tag_board.hpp"
 #include "calib/target/target_edges.hpp"
-#include "calib/target/target_sheet.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
 #include "tracking/detection/pose_refiner.hpp"

@@ -16,13 +16,6 @@
 namespace penumbra {
 namespace {
 
-Result<void> check_scale(double printed_scale) {
-  if (printed_scale >= 0.5 && printed_scale <= 2.0) return {};
-  return fail(
-      "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
-      printed_scale);
-}
-
 struct NamedPage {
   std::string_view name;
   double width_mm;
@@ -35,30 +28,6 @@ constexpr std::array kPages = {
     NamedPage{"letter", 215.9, 279.4},  NamedPage{"legal", 215.9, 355.6},
     NamedPage{"tabloid", 279.4, 431.8},
 };
-
-// Size of the printed board [m], including the white margins of the outer tags.
-struct BoardExtent {
-  double width = 0.0;
-  double height = 0.0;
-};
-
-Result<BoardExtent> extent_of(const TagBoard& board) {
-  if (board.columns < 1 || board.rows < 1 || board.columns > 100 || board.rows > 100) {
-    return fail("a board of {} columns and {} rows: give 1 to 100 of each", board.columns,
-                board.rows);
-  }
-  if (!(board.tag_size_m >= 0.001 && board.tag_size_m <= 2.0)) {
-    return fail("tag size {} m: give the edge of the black square, 0.001 to 2 m", board.tag_size_m);
-  }
-  PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(board.family, board.first_id));
-  const double printed = board.tag_size_m * pattern.total_width() / pattern.width_at_border();
-  if (!(board.pitch_m >= printed * (1.0 - 1e-9)) || !std::isfinite(board.pitch_m)) {
-    return fail("pitch {} m: tags of {} m need {:.4f} m each with their white margin",
-                board.pitch_m, board.tag_size_m, printed);
-  }
-  return BoardExtent{board.pitch_m * (board.columns - 1) + printed,
-                     board.pitch_m * (board.rows - 1) + printed};
-}
 
 // Rotates the page by 90 degrees if the sheet fits only then.
 Result<PageSize> rotated_page(const Sheet& sheet, const PageSize& page) {
@@ -203,7 +172,7 @@ std::string measured_line(double printed_scale) {
 }
 
 Result<std::string> target_text(const SheetTarget& target, double printed_scale) {
-  PENUMBRA_TRY_VOID(check_scale(printed_scale));
+  PENUMBRA_TRY_VOID(check_printed_scale(printed_scale));
   const std::string measured = measured_line(printed_scale);
   if (const auto* tags = std::get_if<TagBoard>(&target)) {
     PENUMBRA_TRY(const TagMap map, tag_map_of(*tags, printed_scale));
@@ -257,22 +226,6 @@ Result<PageSize> page_size_from_string(std::string_view name) {
   std::ranges::transform(kPages, known.begin(), &NamedPage::name);
   return fail("page size '{}' is not known; use {} or WIDTHxHEIGHT in millimetres (20 to 5000)",
               name, fmt::join(known, ", "));
-}
-
-Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
-  PENUMBRA_TRY_VOID(extent_of(board));
-  PENUMBRA_TRY_VOID(check_scale(printed_scale));
-  std::vector<MappedTag> tags;
-  for (int row = 0; row < board.rows; ++row) {
-    for (int column = 0; column < board.columns; ++column) {
-      const double x = (column - 0.5 * (board.columns - 1)) * board.pitch_m * printed_scale;
-      const double y = (0.5 * (board.rows - 1) - row) * board.pitch_m * printed_scale;
-      PENUMBRA_TRY(tags.emplace_back(),
-                   flat_tag(board.family, board.first_id + row * board.columns + column,
-                            board.tag_size_m * printed_scale, x, y));
-    }
-  }
-  return TagMap::make(std::move(tags));
 }
 
 Result<void> check_fits(const SheetTarget& target, const PageSize& page) {

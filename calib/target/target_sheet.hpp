@@ -6,6 +6,7 @@
 #include <string_view>
 #include <variant>
 
+#include "calib/target/tag_board.hpp"
 #include "calib/target/target.hpp"
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -19,21 +20,6 @@ struct PageSize {
 
 // Accepts "a5" to "a0", "letter", "legal", "tabloid" (any case, portrait), or "210x297" [mm].
 [[nodiscard]] Result<PageSize> page_size_from_string(std::string_view name);
-
-// Grid of tags; ids count in reading order from the top left. The table frame's origin is the
-// board's centre, x right, y up on the sheet, z out of the paper.
-struct TagBoard {
-  TagFamily family = TagFamily::tag36h11;
-  int first_id = 0;
-  int columns = 4;
-  int rows = 3;
-  double tag_size_m = 0.04;  // edge of the black border's outer square
-  double pitch_m = 0.055;    // distance between neighbouring tags' centres
-};
-
-// `printed_scale`: true / nominal length on the printed sheet; 0.992 if the 100 mm ruler measures
-// 99.2 mm. Fails if tags (with their white margins) overlap or the family has no such ids.
-[[nodiscard]] Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale = 1.0);
 
 // `inner_columns` x `inner_rows` corners between squares; the white margin is half a square wide.
 struct ChessboardSheet {
