@@ -36,3 +36,4 @@ install(DIRECTORY include/penumbra DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPO
 install(FILES ${CMAKE_BINARY_DIR}/library/penumbra-config.cmake ${CMAKE_BINARY_DIR}/library/penumbra-config-version.cmake
   DESTINATION ${package_folder} COMPONENT development)
 install(FILES ${CMAKE_BINARY_DIR}/library/penumbra.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
+install(DIRECTORY examples DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT development)
