@@ -1,5 +1,6 @@
 // Checks the dependency rules of #include directives between modules (core <- tracking <- calib,
-// core <- render, all <- app, all <- tests) and between the folders inside a module.
+// core <- render, all <- app, all <- library, all <- tests) and between the folders inside a
+// module.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -27,6 +28,7 @@ const Arrows kAllowed = {
     {"tracking", {"core"}},
     {"calib", {"core", "tracking"}},
     {"render", {"core"}},
+    {"library", {"core", "tracking", "calib", "render"}},
     {"app", {"core", "tracking", "calib", "render"}},
     {"tools", {"core", "tracking", "calib", "render", "app"}},
 };
@@ -37,6 +39,7 @@ const std::map<std::string, std::vector<std::string>> kForbiddenLibraries = {
     {"tracking", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
     {"calib", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
     {"render", {"apriltag", "ceres", "opencv2", "linux/videodev2"}},
+    {"library", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
 };
 
 // Rule inside a module: files whose path matches the first expression must not include headers that
@@ -50,6 +53,9 @@ const std::vector<FolderRule>& folder_rules() {
         {"render/shadow/.*", "render/passes/.*"},
         {"render/(scene|model)/.*", "render/shadow/.*"},
         {"render/gl/.*", "render/(?!gl/).*"},
+        // The library, and the part of render that it links (penumbra_shadow), have no OpenGL.
+        {"(library|render/shadow)/.*",
+         R"(render/(?!shadow/|model/|scene/(scene|plane_frame|technique|layered_constants)\.hpp).*)"},
         {"tracking/alignment/.*", R"(tracking/[^/]+\.hpp)"},  // the trackers
         {"app/capture/.*", "app/output/.*"},
         {"app/output/.*", "app/capture/.*"},
@@ -130,6 +136,26 @@ TEST(IncludeRules, HoldInWholeTree) {
   EXPECT_THAT(found, testing::IsEmpty());
 }
 
+// The public headers use only the standard library and each other.
+TEST(IncludeRules, KeepPublicHeadersSelfContained) {
+  const std::regex include_line(R"(^\s*#\s*include\s*(.*)$)");
+  const std::regex allowed(R"(<(\w+|penumbra/\w+\.hpp)>)");
+  std::vector<std::string> found;
+  int files = 0;
+  for (const auto& entry :
+       std::filesystem::directory_iterator(test::source_dir() / "include" / "penumbra")) {
+    ++files;
+    std::ifstream in(entry.path());
+    for (std::string line; std::getline(in, line);) {
+      std::smatch match;
+      if (std::regex_match(line, match, include_line) && !std::regex_match(match.str(1), allowed))
+        found.push_back(entry.path().filename().string() + " includes " + match.str(1));
+    }
+  }
+  EXPECT_GE(files, 8);
+  EXPECT_THAT(found, testing::IsEmpty());
+}
+
 TEST(IncludeRules, DetectPlantedViolations) {
   EXPECT_THAT(
       violations_in("render", "render/x.cpp", "#include \"tracking/detection/tag_detector.hpp\"\n"),
@@ -156,6 +182,10 @@ TEST(IncludeRules, DetectPlantedViolationsInsideModules) {
       {"tracking/alignment/x.cpp", "tracking/table_tracker.hpp"},
       {"app/capture/x.cpp", "app/output/video_writer.hpp"},
       {"app/output/x.cpp", "app/capture/recording.hpp"},
+      {"library/x.cpp", "app/report/versions.hpp"},
+      {"library/x.cpp", "render/gl/texture.hpp"},
+      {"library/x.cpp", "render/scene/scene_json.hpp"},
+      {"render/shadow/x.cpp", "render/compositor.hpp"},
   };
   for (const auto& [file, header] : bad) {
     EXPECT_THAT(
