@@ -26,7 +26,7 @@ if(CMAKE_BUILD_TYPE STREQUAL "Debug")
 endif()
 if(PENUMBRA_SANITIZE)
   target_compile_options(penumbra_options INTERFACE
-    -fsanitize=${PENUMBRA_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -O1 -g)
+    -fsanitize=${PENUMBRA_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -O1 -g1)
   target_link_options(penumbra_options INTERFACE -fsanitize=${PENUMBRA_SANITIZE})
 endif()
 

@@ -380,7 +380,7 @@ TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   EXPECT_EQ(done.exit_code, 1);
   EXPECT_NE(done.err.find("the recording is closed, the session continues"), std::string::npos)
       << done.err;
-  const std::string last = test::lines_of(done.err).back();
+  const std::string last = test::last_line_of(done.err);
   EXPECT_NE(last.find(session), std::string::npos) << done.err;
   EXPECT_NE(last.find("free some space"), std::string::npos) << done.err;
 }
@@ -392,7 +392,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   constexpr int kAMomentOfVideo = 1536;  // [KiB]
   const auto check = [&](const test::ProgramResult& done, const std::string& poses) {
     EXPECT_EQ(done.exit_code, 1);
-    const std::string last = test::lines_of(done.err).back();
+    const std::string last = test::last_line_of(done.err);
     EXPECT_NE(last.find(path("out.mkv")), std::string::npos) << done.err;
     EXPECT_NE(done.err.find("this output is closed"), std::string::npos) << done.err;
     const auto kept = count_video_frames(path("out.mkv"));
@@ -432,7 +432,7 @@ TEST(LiveCommand, EndsPoseFileWithCompleteLineWhenDiskIsFull) {
   const std::string poses = (temporary.path() / "live.tum").string();
   const auto done = with_files_up_to(1, live({"--duration", "1.2", "--poses", poses}));
   EXPECT_EQ(done.exit_code, 1);
-  EXPECT_NE(test::lines_of(done.err).back().find(poses), std::string::npos) << done.err;
+  EXPECT_NE(test::last_line_of(done.err).find(poses), std::string::npos) << done.err;
   const std::string text = test::bytes_of(poses);
   EXPECT_TRUE(text.ends_with('\n'));
   const auto written = load_trajectory(poses);
@@ -454,7 +454,7 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
                      "--record", path("session"), "--report", path("report.json")}),
                environment(30));
   EXPECT_EQ(done.exit_code, 1);
-  const std::string last = test::lines_of(done.err).back();
+  const std::string last = test::last_line_of(done.err);
   EXPECT_NE(last.find("was reset"), std::string::npos) << done.err;
   const auto report = test::read_json(path("report.json"));
   const int frames = report["frames"].get<int>();

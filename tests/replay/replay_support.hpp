@@ -85,6 +85,12 @@ inline std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
+// Returns the last line; empty for an empty text.
+inline std::string last_line_of(const std::string& text) {
+  const std::vector<std::string> lines = lines_of(text);
+  return lines.empty() ? "" : lines.back();
+}
+
 // Expects exit code 1 and exactly one line on standard error, which contains each of `parts`.
 inline void expect_failure(const ProgramResult& result, const std::vector<std::string>& parts) {
   EXPECT_EQ(result.exit_code, 1) << result.err;

@@ -24,6 +24,29 @@ struct ProgramResult {
   std::string err;
 };
 
+// How much slower than a release build the program is.
+#if defined(__SANITIZE_THREAD__)
+inline constexpr int kSlowness = 20;
+#elif defined(__SANITIZE_ADDRESS__)
+inline constexpr int kSlowness = 5;
+#else
+inline constexpr int kSlowness = 1;
+#endif
+
+// Lengthens short live sessions of a slow program, so that they draw as many frames as those of a
+// release build: multiplies --duration and divides --fps.
+inline void slow_down(std::vector<std::string>& arguments) {
+  constexpr double kLong_s = 10.0;  // longer sessions are ended by an event
+  if (kSlowness == 1) return;
+  for (std::size_t i = 1; i < arguments.size(); ++i) {
+    const double value = std::strtod(arguments[i].c_str(), nullptr);
+    if (arguments[i - 1] == "--duration" && value > 0.0 && value < kLong_s)
+      arguments[i] = std::to_string(value * kSlowness);
+    if (arguments[i - 1] == "--fps" && value > 0.0)
+      arguments[i] = std::to_string(value / kSlowness);
+  }
+}
+
 // Adds `environment` entries ("NAME=value") to this process's environment and removes DISPLAY and
 // WAYLAND_DISPLAY, so that no window opens. Calls `when_started` (optional) with the process id
 // before it reads any output.
@@ -34,6 +57,7 @@ inline ProgramResult run_program(const std::filesystem::path& program,
                                  const std::function<void(pid_t)>& when_started = {}) {
   std::vector<std::string> words = {program.string()};
   words.insert(words.end(), arguments.begin(), arguments.end());
+  slow_down(words);
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
