@@ -162,8 +162,7 @@ std::vector<Tag> TagMap::tags() const {
 
 struct Tracker::Impl {
   GroupTracker tracker;
-  int width = 0;   // [px]
-  int height = 0;  // [px]
+  penumbra::CameraModel camera;
   std::uint64_t frames = 0;
   std::int64_t last_ns = 0;  // meaningful once a frame was tracked
 };
@@ -180,17 +179,17 @@ Tracker::Tracker(const CameraModel& camera, const TagMap& tags, const Options& o
         return std::make_unique<Impl>(
             Impl{value_or_throw(
                      GroupTracker::create(model, map, checked_options(options), options.groups)),
-                 model.width(), model.height()});
+                 model});
       })) {}
 
 TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
                             std::optional<double> exposure_s) {
   Impl& m = *impl_;
   Frame frame = checked_frame(image, "image");
-  if (frame.width != m.width || frame.height != m.height) {
+  if (frame.width != m.camera.width() || frame.height != m.camera.height()) {
     throw_failure(
         "image: is {} x {} px, but the camera model is of {} x {}; give a model of this size",
-        frame.width, frame.height, m.width, m.height);
+        frame.width, frame.height, m.camera.width(), m.camera.height());
   }
   if (timestamp_ns > kMaxTime_ns || timestamp_ns < -kMaxTime_ns) {
     throw_failure("timestamp_ns: {} is out of range; give nanoseconds up to 2^61", timestamp_ns);
@@ -226,7 +225,7 @@ TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
 }
 
 void Tracker::set_tag_map(const TagMap& tags) {
-  guarded([&] { throw_if_failed(impl_->tracker.set_map(Access::map_of(tags))); });
+  guarded([&] { throw_if_failed(impl_->tracker.set_map(impl_->camera, Access::map_of(tags))); });
 }
 
 std::string to_string(State state) {

@@ -88,6 +88,7 @@ Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
 
 struct GroupTracker::Impl {
   struct Group {
+    std::string name;
     RigidTagTracker tracker;  // tracks the camera's pose over the group's middle
     GroupPlace place;
     int unseen = 0;  // number of frames since it was tracked
@@ -255,7 +256,7 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   for (const std::string& name : names) {
     Result<RigidTagTracker> tracker = tracker_of_group(camera, tags, name, options, search);
     if (!tracker) return fail_in(fmt::format("group '{}'", name), tracker.error());
-    groups.push_back({std::move(*tracker), GroupPlace(name, middle_of_group(tags, name))});
+    groups.push_back({name, std::move(*tracker), GroupPlace(name, middle_of_group(tags, name))});
   }
   std::unique_ptr<BackgroundSearch> beside;
   const bool needed = options.search_timing == SearchTiming::when_done ||
@@ -300,10 +301,21 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   return result;
 }
 
-Result<void> GroupTracker::set_map(const TagMap& tags) {
+Result<void> GroupTracker::set_map(const CameraModel& camera, const TagMap& tags) {
   Impl& m = *impl_;
-  PENUMBRA_TRY(m.table, RigidTagTracker::create(m.camera, tags, m.options, m.search));
+  const bool is_other_camera =
+      camera.parameters().rolling_shutter_row_s != m.camera.parameters().rolling_shutter_row_s;
+  PENUMBRA_TRY(auto table, RigidTagTracker::create(camera, tags, m.options, m.search));
+  std::vector<RigidTagTracker> trackers;
+  for (const Impl::Group& group : m.groups) {
+    if (!is_other_camera) break;
+    PENUMBRA_TRY(auto tracker, tracker_of_group(camera, tags, group.name, m.options, m.search));
+    trackers.push_back(std::move(tracker));
+  }
+  m.camera = camera;
+  m.table = std::move(table);
   m.table_hint = m.last_table_pose;
+  for (std::size_t i = 0; i < trackers.size(); ++i) m.groups[i].tracker = std::move(trackers[i]);
   return {};
 }
 

@@ -37,9 +37,10 @@ class GroupTracker {
   // is lost if the frame's size differs from the camera model's. See docs/tracking.md#groups.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
-  // Tracks the table with another map of the same tags and table frame from the next frame on. That
-  // frame is aligned from the previous pose. The other groups keep their tags.
-  [[nodiscard]] Result<void> set_map(const TagMap& tags);
+  // Tracks with another map of the same tags, groups and table frame from the next frame on, and
+  // with another row time of the same camera. That frame is aligned from the previous pose. The
+  // tags of the other groups must not change. If it fails, nothing changes.
+  [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags);
 
  private:
   struct Impl;

@@ -139,7 +139,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--record", "--scene", "--tags", "--shadow", "--tracking", "--output",
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map"});
+    claim_outputs(command,
+                  {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera"});
     const CameraRequest& camera = options->request.camera;
     check_camera_source(camera.source);
     if (camera.calibration.empty() && recorded_calibration(camera.source).empty())

@@ -1,12 +1,9 @@
 // penumbra map: surveys the tags in a recording and writes their tags.yaml.
 
-#include <fmt/chrono.h>
-
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <ctime>
 #include <memory>
 #include <optional>
 #include <span>
@@ -22,11 +19,9 @@
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/run_inputs.hpp"
-#include "calib/camera_calibration.hpp"
-#include "calib/solver/table_volume.hpp"
-#include "calib/survey/edge_survey.hpp"
 #include "calib/survey/lens_refinement.hpp"
-#include "calib/survey/row_time.hpp"
+#include "calib/survey/refined_record.hpp"
+#include "calib/survey/sweep.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -48,61 +43,52 @@ struct MapOptions {
   SurveyOptions survey;
 };
 
-// The frames of a recording with their tags.
+// Surveys a recording. Each step fails if the user interrupts the command.
 class Sweep {
  public:
   Sweep(const MapOptions& options, const Recording& recording, const SurveyOptions& survey)
-      : options_(options), recording_(recording), survey_(survey), camera_(*recording.camera) {
+      : options_(options), recording_(recording), survey_(survey) {
     interrupt_.hold();
   }
 
-  [[nodiscard]] bool rolls() const {
-    return camera_.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0;
+  Result<SweptTags> survey(bool refine_camera) {
+    PENUMBRA_TRY(auto frames, detect());
+    const SweepSteps steps{[this](const CameraModel& camera, std::span<const SurveyFrame> all,
+                                  bool with_lens) { return survey_frames(camera, all, with_lens); },
+                           [this](const TagSurvey& at, std::vector<SurveyFrame>& all) {
+                             return measure_edges(at, all);
+                           }};
+    const RowTimeGoal row_time = refine_camera ? RowTimeGoal::estimated : RowTimeGoal::reported;
+    return survey_sweep(*recording_.camera, std::move(frames), steps, {row_time, refine_camera});
   }
 
-  // Each of these functions fails if the user interrupts the command.
-  Result<void> detect() {
+ private:
+  Result<std::vector<SurveyFrame>> detect() {
     PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey_.family}));
-    return for_each_frame("frames", [&](const Frame& frame, std::size_t, ImageView luma) {
-      frames_.push_back({detector.detect(luma), {}, seconds(frame.timestamp_ns)});
-    });
+    std::vector<SurveyFrame> frames;
+    PENUMBRA_TRY_VOID(
+        for_each_frame("frames", [&](const Frame& frame, std::size_t, ImageView luma) {
+          frames.push_back({detector.detect(luma), {}, seconds(frame.timestamp_ns)});
+        }));
+    return frames;
   }
   // Measures the edges at the surveyed tag positions, with the surveyed curvature and lens.
-  Result<void> measure_edges(const TagSurvey& at) {
+  Result<void> measure_edges(const TagSurvey& at, std::vector<SurveyFrame>& frames) {
     return for_each_frame("edges", [&](const Frame&, std::size_t index, ImageView luma) {
-      if (index < frames_.size()) frames_[index] = measured_frame(at, index, frames_[index], luma);
+      if (index < frames.size()) frames[index] = measured_frame(at, index, frames[index], luma);
     });
   }
-  Result<TagSurvey> survey_with_given_lens() {
-    return survey_by_edges(
-        frames_, [this](std::span<const SurveyFrame>) { return survey(false); },
-        [this](const TagSurvey& at, std::vector<SurveyFrame>&) { return measure_edges(at); });
-  }
-  // Corrects the corners of the following surveys for the row time.
-  void correct_rows(const TagSurvey& at) { corrected_ = at_middle_row(camera_, at, frames_); }
-  // Estimates the row time. `at`: corrected for that of `camera`. `was_found`: it was estimated
-  // before, so a small change of it is no reason to reject it.
-  [[nodiscard]] std::optional<RowTime> row_time(const TagSurvey& at, bool was_found) const {
-    return find_row_time(camera_, at, frames_, was_found);
-  }
-  Result<void> set_row_time(const RowTime& row_time) {
-    CameraParameters parameters = camera_.parameters();
-    parameters.rolling_shutter_row_s = row_time.seconds;
-    PENUMBRA_TRY(camera_, CameraModel::make(parameters));
-    return {};
-  }
-  Result<TagSurvey> survey(bool refine_camera) {
+  Result<TagSurvey> survey_frames(const CameraModel& camera, std::span<const SurveyFrame> frames,
+                                  bool refine_camera) {
     auto result = run_stoppable(interrupt_, [&](std::stop_token stop) {
       survey_.stop = std::move(stop);
       survey_.refine_camera = refine_camera;
-      return survey_tags(camera_, corrected_.empty() ? frames_ : corrected_, survey_);
+      return survey_tags(camera, frames, survey_);
     });
     if (interrupt_.interrupted()) return ended_early();
     if (!result) return fail_in(options_.recording.string(), result.error());
     return result;
   }
-
- private:
   [[nodiscard]] tl::unexpected<Error> ended_early() const {
     return fail("{}: ended early; no file was written", options_.recording.string());
   }
@@ -126,51 +112,7 @@ class Sweep {
   const Recording& recording_;
   SurveyOptions survey_;
   InterruptWatch interrupt_;
-  CameraModel camera_;  // the given camera, with the estimated row time if there is one
-  std::vector<SurveyFrame> frames_;
-  std::vector<SurveyFrame> corrected_;  // for the row time; empty: not corrected
 };
-
-struct SweptTags {
-  TagSurvey survey;
-  std::optional<RowTime> row_time;  // if one was found that differs from the camera file's
-};
-
-// Corrects the corners for the row time, which is estimated too if `refine_camera`. Repeats this,
-// because corrections and row time depend on the map.
-Result<SweptTags> correct_rows(Sweep& sweep, TagSurvey survey, bool refine_camera) {
-  constexpr int kRounds = 5;
-  SweptTags result{std::move(survey), std::nullopt};
-  const auto correct = [&]() -> Result<void> {
-    sweep.correct_rows(result.survey);
-    PENUMBRA_TRY(result.survey, sweep.survey(false));
-    return {};
-  };
-  if (sweep.rolls()) PENUMBRA_TRY_VOID(correct());
-  for (int round = 0; round < kRounds; ++round) {
-    if (const auto found = sweep.row_time(result.survey, round > 0 && result.row_time)) {
-      result.row_time = found;
-      if (refine_camera) PENUMBRA_TRY_VOID(sweep.set_row_time(*found));
-    }
-    if (!sweep.rolls()) break;
-    PENUMBRA_TRY_VOID(correct());
-  }
-  return result;
-}
-
-// Solves for the row time and the lens last, so that they do not compensate curved paper.
-Result<SweptTags> survey_sweep(Sweep& sweep, bool refine_camera) {
-  PENUMBRA_TRY_VOID(sweep.detect());
-  PENUMBRA_TRY(auto survey, sweep.survey_with_given_lens());
-  PENUMBRA_TRY(SweptTags result, correct_rows(sweep, std::move(survey), refine_camera));
-  if (!refine_camera) return result;
-  PENUMBRA_TRY(result.survey, sweep.survey(true));
-  // With a rolling shutter the tags are not where the poses of the middle row show them.
-  if (!result.survey.lens_is_refined() || sweep.rolls()) return result;
-  PENUMBRA_TRY_VOID(sweep.measure_edges(result.survey));
-  PENUMBRA_TRY(result.survey, sweep.survey(true));
-  return result;
-}
 
 void print_tags(const TagSurvey& survey, const MapOptions& options) {
   for (const std::string& line : survey.left_out) fmt::print("rejected: {}\n", line);
@@ -253,50 +195,15 @@ void print_lens(const TagSurvey& survey, const CameraModel& given, const MapOpti
       *moved_px, *prior_px, *sigma_px);
 }
 
-// Returns the record of the written camera. Keeps that of the given camera, as far as it still
-// holds.
-std::optional<CalibrationRecord> record_of(const SweptTags& swept,
-                                           const std::optional<CalibrationRecord>& given) {
-  const TagSurvey& survey = swept.survey;
-  if (!survey.lens_is_refined()) {
-    if (!swept.row_time) return given;
-    CalibrationRecord record = given.value_or(CalibrationRecord());
-    record.row_time_sigma_s = swept.row_time->sigma_s;
-    return record;
-  }
-  CalibrationRecord record;
-  if (given) {
-    record.focus_position = given->focus_position;
-    record.tone_curve_sigma = given->tone_curve_sigma;
-    record.row_time_sigma_s = given->row_time_sigma_s;
-  }
-  const std::time_t now = std::time(nullptr);
-  std::tm local{};
-  record.calibrated_on = fmt::format("{:%Y-%m-%d}", *localtime_r(&now, &local));
-  record.target = fmt::format("{} tags of penumbra map", survey.tags.size());
-  record.views = survey.frames_used;
-  record.rms_px = survey.rms_px;
-  if (swept.row_time) record.row_time_sigma_s = swept.row_time->sigma_s;
-  const UncertaintyMap projection = uncertainty_map(survey.camera, survey.lens_covariance);
-  record.projection_mean_px = projection.mean_px;
-  record.projection_largest_px = projection.largest_px;
-  if (const auto table = table_volume_uncertainty(survey.camera, survey.lens_covariance)) {
-    record.table_distance_m = table->distance_m;
-    record.table_tracked_px.assign(table->tracked_px.begin(), table->tracked_px.end());
-    record.table_known_pose_px.assign(table->known_pose_px.begin(), table->known_pose_px.end());
-  }
-  const Eigen::VectorXd sigmas = survey.lens_covariance.diagonal().cwiseSqrt();
-  record.standard_deviations.assign(sigmas.begin(), sigmas.end());
-  return record;
-}
-
 Result<void> write_files(const SweptTags& swept, const std::optional<CalibrationRecord>& given,
                          OutputFile& tags, std::optional<OutputFile>& camera) {
   if (auto saved = save_tag_survey(tags.partial(), swept.survey); !saved)
     return tags.failed(saved.error());
   std::vector<OutputFile*> files = {&tags};
   if (camera) {
-    const auto record = record_of(swept, given);
+    const auto record =
+        refined_record(swept.survey, swept.row_time, given,
+                       fmt::format("{} tags of penumbra map", swept.survey.tags.size()));
     if (auto saved = save_camera(camera->partial(), swept.survey.camera, CameraFileFormat::ros,
                                  record ? &*record : nullptr);
         !saved)
@@ -329,7 +236,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   if (!options.refined_camera.empty()) {
     PENUMBRA_TRY(refined_camera, OutputFile::create(options.refined_camera));
   }
-  PENUMBRA_TRY(const auto swept, survey_sweep(sweep, refined_camera.has_value()));
+  PENUMBRA_TRY(const auto swept, sweep.survey(refined_camera.has_value()));
   const TagSurvey& result = swept.survey;
   PENUMBRA_TRY_VOID(write_files(swept, record, output, refined_camera));
   print_tags(result, options);

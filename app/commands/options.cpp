@@ -372,11 +372,14 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
 }
 
 CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request) {
-  const auto set_file = [&request](const std::string& file) {
+  const auto is_yaml = [](const std::string& file) {
+    const std::string extension = lower_extension(file);
+    return names_standard_output(file) || extension == ".yaml" || extension == ".yml";
+  };
+  const auto set_file = [&request, is_yaml](const std::string& file) {
     request.refine_map = true;
     if (file.empty()) return;
-    const std::string extension = lower_extension(file);
-    if (!names_standard_output(file) && extension != ".yaml" && extension != ".yml") {
+    if (!is_yaml(file)) {
       usage_error("--refine-map",
                   "{}: is not a tags.yaml; name a file that ends in .yaml, or none (then put the "
                   "option last)",
@@ -384,10 +387,18 @@ CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request) {
     }
     request.refined_map = file;
   };
-  return add_text_option(command, "--refine-map", "[tags.yaml]", set_file,
-                         "Refine the tag map while tracking: poses of the tags, curved paper; "
-                         "written at the end")
-      ->expected(0, 1);
+  CLI::Option* option = add_text_option(
+      command, "--refine-map", "[tags.yaml]", set_file,
+      "Refine the tag map while tracking: poses of the tags, curved paper; written at the end");
+  option->expected(0, 1);
+  const auto set_camera = [&request, is_yaml](const std::string& file) {
+    if (!is_yaml(file)) usage_error("--refine-camera", "{}: name a file that ends in .yaml", file);
+    request.refined_camera = file;
+  };
+  add_text_option(command, "--refine-camera", "camera.yaml", set_camera,
+                  "At the end, write the estimated row time and a refined lens")
+      ->needs(option);
+  return option;
 }
 
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
@@ -410,7 +421,7 @@ void add_window_options(CLI::App& command, RunRequest& request) {
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
   std::vector<std::filesystem::path> outputs;
   for (const char* name : {"--output", "--poses", "--report", "--group-poses", "--frame-log",
-                           "--refine-map", "--record"}) {
+                           "--refine-map", "--refine-camera", "--record"}) {
     const CLI::Option* option = command.get_option_no_throw(name);
     if (option == nullptr || option->count() == 0 || option->results().back().empty()) continue;
     outputs.emplace_back(option->results().back());
@@ -505,8 +516,9 @@ std::string written_files(const OutputRequest& request,
                           const std::optional<std::filesystem::path>& recording) {
   std::vector<std::string> paths;
   std::error_code ignored;
-  for (const auto& path : {request.output, request.poses, request.group_poses, request.frame_log,
-                           request.report, request.refined_map, recording}) {
+  for (const auto& path :
+       {request.output, request.poses, request.group_poses, request.frame_log, request.report,
+        request.refined_map, request.refined_camera, recording}) {
     if (path && !names_standard_output(path->string()) &&
         !std::filesystem::is_empty(*path, ignored))
       paths.push_back(path->string());

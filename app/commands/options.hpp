@@ -140,7 +140,7 @@ struct KernelChoice {
 
 // Add options that several commands share.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
-// Adds --refine-map.
+// Adds --refine-map, which is returned, and --refine-camera.
 CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);

@@ -109,7 +109,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--shadow", "--compare", "--tracking", "--output", "--poses", "--report",
                       "--poses-from", "--frames"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map"});
+    claim_outputs(command,
+                  {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera"});
     set_run_options(command, options->shadow, options->request);
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

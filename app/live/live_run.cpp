@@ -14,6 +14,7 @@
 #include "app/logging.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
+#include "app/run/refined_files.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
@@ -40,8 +41,8 @@ constexpr std::size_t kMaxYamlBytes = 16'000'000;
 // Fails if an output lies in the recording's folder, or the recording in the folder of images.
 Result<void> check_apart_from_record(const LiveRequest& request) {
   if (!request.record) return {};
-  for (const auto& output :
-       {request.output, request.poses, request.report, request.group_poses, request.refined_map}) {
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
+                             request.refined_map, request.refined_camera}) {
     if (output && !is_stream(*output) && lies_in(*output, *request.record)) {
       return fail("{}: lies in {}, where the recording is made (--record); name another place",
                   output->string(), request.record->string());
@@ -94,6 +95,7 @@ struct LiveSetup {
   TagMap tags;
   TagsInUse used_tags;
   std::unique_ptr<ResidualWatch> residual_watch;
+  std::optional<CalibrationRecord> camera_record;  // loaded with --refine-camera
   std::unique_ptr<GlContext> context;
   std::unique_ptr<Session> session;
   std::unique_ptr<LiveSource> source;
@@ -125,6 +127,17 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
   log_scene_warnings(*scene, request.plan);
   PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
+  std::optional<CalibrationRecord> record;
+  // The record holds for the size of the file.
+  if (request.refined_camera && camera.width() == calibrated.width() &&
+      camera.height() == calibrated.height()) {
+    PENUMBRA_TRY(record, load_calibration_record(request.camera.calibration, camera));
+  } else if (request.refined_camera) {
+    log_warning(
+        "--refine-camera: the camera runs at another size than {}, so the uncertainty in that file "
+        "is not used",
+        request.camera.calibration.string());
+  }
 
   PENUMBRA_TRY_VOID(check_camera(address));
   PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
@@ -146,10 +159,16 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto head, recording_head(request, *source, camera));
   auto recorder = std::make_unique<LiveRecorder>(std::move(head));
   if (request.record) PENUMBRA_TRY_VOID(recorder->start(*request.record));
-  return LiveSetup{
-      std::move(camera),         std::move(tags),    std::move(used_tags),
-      std::move(residual_watch), std::move(context), std::make_unique<Session>(std::move(session)),
-      std::move(source),         std::move(outputs), std::move(recorder)};
+  return LiveSetup{std::move(camera),
+                   std::move(tags),
+                   std::move(used_tags),
+                   std::move(residual_watch),
+                   std::move(record),
+                   std::move(context),
+                   std::make_unique<Session>(std::move(session)),
+                   std::move(source),
+                   std::move(outputs),
+                   std::move(recorder)};
 }
 
 // Draws, shows and writes frames until the session ends.
@@ -242,10 +261,10 @@ void LiveLoop::run() {
 
 void LiveLoop::refine_map(const TrackedFrame& tracked) {
   if (!refinement_) return;
-  const auto map = refinement_->observe(tracked);
-  if (!map) return;
-  auto set = setup_.session->set_tag_map(*map);
-  if (set) set = setup_.residual_watch->restart(*map);
+  const auto refined = refinement_->observe(tracked, setup_.residual_watch->latest());
+  if (!refined) return;
+  auto set = setup_.session->set_map(refined->camera, refined->map);
+  if (set) set = setup_.residual_watch->restart(refined->camera, refined->map);
   if (!set) log_warning("the refined tag map is not used: {}", set.error().message);
 }
 
@@ -361,8 +380,9 @@ Result<RunReport> LiveLoop::finish() {
   }
   if (!recorded && !failure_) failure_ = recorded.error();
   if (refinement_) {
-    const auto written = setup_.outputs.write_refined_map(refinement_->map());
+    const auto written = write_refined(*refinement_, setup_.outputs, setup_.camera_record);
     if (!written && !failure_) failure_ = written.error();
+    report.map_refinement = refinement_->report();
   }
   report.failure = std::move(failure_);
   if (auto written = setup_.outputs.write_report(report); !written && !report.failure) {

@@ -35,7 +35,7 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
 Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
   std::error_code ignored;
   for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
-                             request.frame_log, request.refined_map}) {
+                             request.frame_log, request.refined_map, request.refined_camera}) {
     if (!output) continue;
     if (output == request.group_poses &&
         (is_stream(*output) ||
@@ -79,8 +79,9 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
       frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
     }
   }
-  for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
-                             request.frame_log, request.refined_map, more}) {
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, request.frame_log,
+        request.refined_map, request.refined_camera, more}) {
     if (!output || is_stream(*output)) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
@@ -175,6 +176,9 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   }
   if (request.refined_map) {
     PENUMBRA_TRY(outputs.refined_map, OutputFile::create(*request.refined_map));
+  }
+  if (request.refined_camera) {
+    PENUMBRA_TRY(outputs.refined_camera, OutputFile::create(*request.refined_camera));
   }
   if (request.poses) {
     PENUMBRA_TRY(outputs.poses, PoseWriter::create(*request.poses, request.poses_all));
@@ -273,9 +277,20 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
   return write_text(*report, report_json(measured));
 }
 
-Result<void> RunOutputs::write_refined_map(const TagMap& map) {
-  if (!refined_map) return {};
-  return write_text(*refined_map, tag_map_text(map));
+Result<void> RunOutputs::write_refined(const TagMap& map, const CameraModel& camera,
+                                       const CalibrationRecord* record) {
+  std::vector<OutputFile*> files;
+  if (refined_map) {
+    PENUMBRA_TRY_VOID(write_whole(*refined_map, tag_map_text(map)));
+    files.push_back(&*refined_map);
+  }
+  if (refined_camera) {
+    if (auto saved = save_camera(refined_camera->partial(), camera, CameraFileFormat::ros, record);
+        !saved)
+      return refined_camera->failed(saved.error());
+    files.push_back(&*refined_camera);
+  }
+  return commit_together(files);
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {

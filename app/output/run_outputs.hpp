@@ -17,6 +17,7 @@
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
 #include "app/session/session.hpp"
+#include "core/camera/camera_file.hpp"
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "render/frame_plan.hpp"
@@ -32,7 +33,8 @@ struct OutputRequest {
   std::optional<std::filesystem::path> group_poses;  // folder for a file NAME.tum per tag group
   std::optional<std::filesystem::path> frame_log;    // *.csv or *.jsonl
   std::optional<std::filesystem::path> report;
-  std::optional<std::filesystem::path> refined_map;  // tags.yaml
+  std::optional<std::filesystem::path> refined_map;     // tags.yaml
+  std::optional<std::filesystem::path> refined_camera;  // camera.yaml
 };
 
 // Fails if an output would replace another output or one of `taken`, the files that the run reads.
@@ -54,6 +56,7 @@ struct RunOutputs {
   std::optional<FrameLog> frame_log;
   std::optional<OutputFile> report;
   std::optional<OutputFile> refined_map;
+  std::optional<OutputFile> refined_camera;
 
   // Writes one frame and adds the encoding times since the previous call to `run`. `pixels`: empty
   // without `frames`. If an output fails (full disk), it is closed with its content so far and the
@@ -67,7 +70,9 @@ struct RunOutputs {
   // Completes frames and poses. If one output fails, the others are still completed.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
-  [[nodiscard]] Result<void> write_refined_map(const TagMap& map);
+  // Writes the refined map and camera, both or neither.
+  [[nodiscard]] Result<void> write_refined(const TagMap& map, const CameraModel& camera,
+                                           const CalibrationRecord* record);
   // Returns true if any output is written per frame.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty() || frame_log; }
 };

@@ -34,8 +34,9 @@ class Comparison {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     return panes_.front().session->track(frame);
   }
-  [[nodiscard]] Result<void> set_tag_map(const TagMap& tags) {
-    return panes_.front().session->set_tag_map(tags);
+  // See Session::set_map().
+  [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
+    return panes_.front().session->set_map(camera, tags);
   }
   // Draws all panes. Returns the first pane's frame, with the times and work of all panes added.
   [[nodiscard]] Result<SessionFrame> draw(const TrackedFrame& tracked);

@@ -16,6 +16,7 @@
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
+#include "app/run/refined_files.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
@@ -24,6 +25,7 @@
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
+#include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 
@@ -40,6 +42,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.tags) taken.push_back(*request.tags);
+  taken.push_back(recording.camera_file);
   for (const fs::path& file : files_of(recording)) taken.push_back(file);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
   PENUMBRA_TRY_VOID(check_apart_from(recording, request));
@@ -149,8 +152,9 @@ struct ReplaySetup {
   std::optional<TagsInUse> tags;
   SceneEvents events;
   std::unique_ptr<FrameSource> source;
-  std::unique_ptr<ResidualWatch> residual_watch;  // set if frames are tracked
-  GlContext::Size image;                          // [px]
+  std::unique_ptr<ResidualWatch> residual_watch;   // set if frames are tracked
+  std::optional<CalibrationRecord> camera_record;  // loaded with --refine-camera
+  GlContext::Size image;                           // [px]
   std::unique_ptr<GlContext> context;
   std::unique_ptr<ReplayView> view;
   RunOutputs outputs;
@@ -197,6 +201,10 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   PENUMBRA_TRY(auto poses, open_replay_poses(request, recording, *scene));
   if (recording.tags && !request.poses_from) {
     PENUMBRA_TRY(setup.residual_watch, ResidualWatch::create(*recording.camera, *recording.tags));
+  }
+  if (request.refined_camera) {
+    PENUMBRA_TRY(setup.camera_record,
+                 load_calibration_record(recording.camera_file, *recording.camera));
   }
   std::vector<PlanOptions> plans;
   for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
@@ -295,9 +303,9 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   // Before the map changes: this frame's pose comes from the previous map.
   if (setup_.residual_watch) setup_.residual_watch->observe(done);
   if (refinement_) {
-    if (const auto map = refinement_->observe(done)) {
-      PENUMBRA_TRY_VOID(setup_.view->set_tag_map(*map));
-      PENUMBRA_TRY_VOID(setup_.residual_watch->restart(*map));
+    if (const auto refined = refinement_->observe(done, setup_.residual_watch->latest())) {
+      PENUMBRA_TRY_VOID(setup_.view->set_map(refined->camera, refined->map));
+      PENUMBRA_TRY_VOID(setup_.residual_watch->restart(refined->camera, refined->map));
     }
   }
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
@@ -391,7 +399,7 @@ Result<RunReport> ReplayLoop::finish() {
     failure_ = finished.error();
   }
   if (refinement_) {
-    const auto written = setup_.outputs.write_refined_map(refinement_->map());
+    const auto written = write_refined(*refinement_, setup_.outputs, setup_.camera_record);
     if (!written && !failure_) failure_ = written.error();
   }
   RunReport report = this->report();

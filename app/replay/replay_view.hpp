@@ -25,9 +25,9 @@ class ReplayView {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     return comparison_ ? comparison_->track(frame) : session_->track(frame);
   }
-  // See Session::set_tag_map().
-  [[nodiscard]] Result<void> set_tag_map(const TagMap& tags) {
-    return comparison_ ? comparison_->set_tag_map(tags) : session_->set_tag_map(tags);
+  // See Session::set_map().
+  [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
+    return comparison_ ? comparison_->set_map(camera, tags) : session_->set_map(camera, tags);
   }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
   // The image that draw() read back: the latest or the previous one (see ReadBackTime).

@@ -444,7 +444,13 @@ std::string report_json(const RunReport& report) {
         {"refinements", refinement->refinements},
         {"change_mm",
          {{"rmse", refinement->change.rms_m * 1e3}, {"max", refinement->change.max_m * 1e3}}},
-        {"file", report.refined_map.empty() ? Json() : Json(report.refined_map)}};
+        {"file", report.refined_map.empty() ? Json() : Json(report.refined_map)},
+        {"camera_file", report.refined_camera.empty() ? Json() : Json(report.refined_camera)}};
+    if (const auto& row_time = refinement->row_time) {
+      json["map_refinement"]["row_time_us"] = {{"value", row_time->seconds * 1e6},
+                                               {"sigma", row_time->sigma_s * 1e6}};
+    }
+    if (refinement->lens_gain) json["map_refinement"]["lens_gain"] = *refinement->lens_gain;
   }
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
@@ -587,7 +593,12 @@ std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults
 // Describes what became of the tag map with --refine-map.
 std::string map_refinement_line(const MapRefinementReport& refinement, const std::string& file) {
   std::string line = "tag map: ";
-  if (refinement.refinements > 0) {
+  if (refinement.lens_gain) {
+    line += fmt::format(
+        "refined with the lens from {} keyframes; its corners moved by {:.2f} mm (RMS), at most "
+        "{:.2f} mm",
+        refinement.keyframes, refinement.change.rms_m * 1e3, refinement.change.max_m * 1e3);
+  } else if (refinement.refinements > 0) {
     line += fmt::format("refined {} time{} from {} keyframes; ", refinement.refinements,
                         refinement.refinements == 1 ? "" : "s", refinement.keyframes);
     line += fmt::format("its corners moved by {:.2f} mm (RMS), at most {:.2f} mm",
@@ -602,8 +613,31 @@ std::string map_refinement_line(const MapRefinementReport& refinement, const std
                         refinement.keyframes);
   }
   if (file.empty()) return line + "; not written (--refine-map FILE writes it)\n";
-  return line +
-         fmt::format("; {}: {}\n", refinement.refinements > 0 ? "written to" : "given map", file);
+  return line + fmt::format(
+                    "; {}: {}\n",
+                    refinement.refinements > 0 || refinement.lens_gain ? "written to" : "given map",
+                    file);
+}
+
+// Describes what became of row time and lens with --refine-map.
+std::string camera_refinement_lines(const MapRefinementReport& refinement,
+                                    const std::string& file) {
+  std::string text;
+  if (const auto& row_time = refinement.row_time) {
+    text += fmt::format(
+        "shutter: the row time is {:.2f} +- {:.2f} us; {}\n", row_time->seconds * 1e6,
+        row_time->sigma_s * 1e6,
+        file.empty() ? "not written (--refine-camera FILE writes it)" : "written to: " + file);
+  }
+  if (refinement.lens_gain) {
+    text += fmt::format(
+        "camera: refined lens, which reduces the squared residuals of other frames by {:.0f} %; "
+        "the next run can use it: {}\n",
+        *refinement.lens_gain * 100.0, file);
+  } else if (!refinement.lens_kept.empty()) {
+    text += fmt::format("camera: the given lens, because {}: {}\n", refinement.lens_kept, file);
+  }
+  return text;
 }
 
 }  // namespace
@@ -631,6 +665,8 @@ std::string report_table(const RunReport& report) {
   text += rejected_tag_lines(report, "the map");
   if (report.map_refinement)
     text += map_refinement_line(*report.map_refinement, report.refined_map);
+  if (report.map_refinement)
+    text += camera_refinement_lines(*report.map_refinement, report.refined_camera);
   // Omitted if most frames are uncertain, because tags were detected in them.
   if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {

@@ -100,7 +100,8 @@ struct RunReport : TrackingCounts, WorkReport {
   std::string scene;
   std::optional<TagsInUse> tags;  // nullopt if poses are given and no tags are needed
   std::optional<MapRefinementReport> map_refinement;  // set with --refine-map
-  std::string refined_map;                // file of the refined map; "": it is not written
+  // Files of the refined map and camera; "": it is not written.
+  std::string refined_map, refined_camera;
   std::optional<ImageFault> image_fault;  // image fault that prevents tracking, if detected
   std::optional<ResidualCauses> systematic_error;  // of the tag map, the lens or the row time
   int width = 0, height = 0;                       // [px]

@@ -19,7 +19,7 @@ struct RunRequest : OutputRequest, SessionOptions {
   // Kernels for the casters with the file's number of vertices.
   std::optional<std::filesystem::path> kernel_file;
   TrackerOptions tracking;
-  bool refine_map = false;  // refines the tag map while tracking (MapRefinement)
+  bool refine_map = false;  // refines tag map and row time while tracking (MapRefinement)
   bool window = true;       // opens a window if there is a display
   ViewerOptions viewer;
   // 1: stages run one after another; more: stages run in parallel, with the same results.
@@ -31,6 +31,7 @@ inline void describe_run(const RunRequest& request, const GlContext& context,
                          const Session& session, RunReport& report) {
   report.scene = request.scene.string();
   if (request.refined_map) report.refined_map = request.refined_map->string();
+  if (request.refined_camera) report.refined_camera = request.refined_camera->string();
   report.threads = request.threads;
   report.msaa_samples = session.samples();
   report.pixel_buffers = session.pixel_buffers();

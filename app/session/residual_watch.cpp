@@ -86,15 +86,17 @@ Result<std::unique_ptr<ResidualWatch>> ResidualWatch::create(const CameraModel& 
       new ResidualWatch(camera, std::move(tags), std::move(meter)));
 }
 
-Result<void> ResidualWatch::restart(const TagMap& map) {
+Result<void> ResidualWatch::restart(const CameraModel& camera, const TagMap& map) {
   std::vector<MappedTag> tags = spread_tags(map, kMaxTags);
-  PENUMBRA_TRY(meter_, TagCornerMeter::create(camera_, tags));
+  PENUMBRA_TRY(meter_, TagCornerMeter::create(camera, tags));
+  camera_ = camera;
   tags_ = std::move(tags);
   frames_.clear();
   measured_.reset();
   failures_ = 0;
   latest_.reset();
   error_px_ = 0.0;
+  latest_causes_.reset();
   const std::lock_guard lock(mutex_);
   found_.reset();
   return {};
@@ -138,6 +140,7 @@ void ResidualWatch::measure(const Frame& frame, const TimedPose& here) {
 
 void ResidualWatch::test() {
   const ResidualCauses causes = find_residual_causes(camera_, tags_, frames_);
+  latest_causes_ = causes;
   const bool any = causes.pose_px > 0.0 && std::isfinite(causes.pose_px);
   // Few frames may fail to confirm what fewer frames have shown.
   if (!any && frames_.size() < kDecisiveFrames) return;

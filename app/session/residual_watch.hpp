@@ -33,11 +33,15 @@ class ResidualWatch {
   void observe(TrackedFrame& tracked);
   static constexpr int kMaxFrames = 64;
 
-  // Continues with another map of the same tags; forgets what was found with the previous one.
-  [[nodiscard]] Result<void> restart(const TagMap& tags);
+  // Continues with another map of the same tags and another row time of the same camera; forgets
+  // what was found with the previous ones.
+  [[nodiscard]] Result<void> restart(const CameraModel& camera, const TagMap& tags);
 
   // Returns the result of the latest test that found a cause; nullopt if more frames refuted it.
+  // Any thread may call this.
   [[nodiscard]] std::optional<ResidualCauses> found() const;
+  // Returns the result of the latest test; nullopt before the first one.
+  [[nodiscard]] const std::optional<ResidualCauses>& latest() const { return latest_causes_; }
 
  private:
   ResidualWatch(const CameraModel& camera, std::vector<MappedTag> tags, TagCornerMeter meter);
@@ -69,6 +73,7 @@ class ResidualWatch {
   std::vector<std::uint8_t> scratch_;
   double error_px_ = 0.0;     // overlay error of the causes that were found
   std::string error_text_;    // names them
+  std::optional<ResidualCauses> latest_causes_;
   mutable std::mutex mutex_;  // guards found_: another thread tracks the frames
   std::optional<ResidualCauses> found_;
 };

@@ -83,10 +83,10 @@ class Session {
   [[nodiscard]] Result<void> warm_up(PixelFormat format);
   // Call this for frames in order, by one thread at a time. Another thread may draw meanwhile.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // Tracks with another map of the same tags and table frame from the next frame on. Call this on
-  // the thread that tracks. The session must have a tracker.
-  [[nodiscard]] Result<void> set_tag_map(const TagMap& tags) {
-    return std::get<GroupTracker>(poses_).set_map(tags);
+  // See GroupTracker::set_map(). Call this on the thread that tracks. The session must have a
+  // tracker.
+  [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
+    return std::get<GroupTracker>(poses_).set_map(camera, tags);
   }
   // Draws a frame. `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With
   // `later` and pixel buffers, `rgba` receives the image of the previous call with `later`. The

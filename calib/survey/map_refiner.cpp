@@ -11,7 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "calib/survey/edge_survey.hpp"
+#include "calib/survey/row_time.hpp"
+#include "calib/survey/sweep.hpp"
 #include "calib/survey/tag_edges.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/geometry/group_pose.hpp"
@@ -65,11 +66,18 @@ Result<Detections> detect_tags(const TagMap& map, TagFamily family, const Keyfra
   return detections;
 }
 
+struct KeyframeSurvey {
+  bool with_held_out = false;
+  bool refine_camera = false;
+  std::vector<double> lens_sigmas;  // as in SurveyOptions
+};
+
 // Surveys keyframes. The table frame is that of one of the tags.
 Result<TagSurvey> survey_keyframes(const CameraModel& camera, const TagMap& map, TagFamily family,
                                    const KeyframeList& keyframes, const Detections& detections,
-                                   bool with_held_out, const std::stop_token& stop) {
+                                   const KeyframeSurvey& request, const std::stop_token& stop) {
   SurveyOptions options;
+  options.lens_sigmas = request.lens_sigmas;
   options.family = family;
   options.plane = SurveyPlane::anchor;
   options.stop = stop;
@@ -77,9 +85,9 @@ Result<TagSurvey> survey_keyframes(const CameraModel& camera, const TagMap& map,
   std::vector<SurveyFrame> frames;
   std::map<int, int> seen;  // number of sightings by id
   for (std::size_t k = 0; k < keyframes.size(); ++k) {
-    if (keyframes[k]->held_out && !with_held_out) continue;
+    if (keyframes[k]->held_out && !request.with_held_out) continue;
     used.push_back(keyframes[k]);
-    frames.push_back({detections[k], {}});
+    frames.push_back({detections[k], {}, 0.0, keyframes[k]->velocity});
     for (const TagDetection& tag : detections[k]) ++seen[tag.id];
   }
   if (seen.empty()) return fail("no tag of the table was detected");
@@ -88,18 +96,21 @@ Result<TagSurvey> survey_keyframes(const CameraModel& camera, const TagMap& map,
   }
   options.anchor =
       std::ranges::max_element(seen, {}, [](const auto& count) { return count.second; })->first;
-  const auto survey = [&](std::span<const SurveyFrame> all) {
-    return survey_tags(camera, all, options);
+  SweepSteps steps;
+  steps.survey = [&](const CameraModel& with, std::span<const SurveyFrame> all, bool with_lens) {
+    options.refine_camera = with_lens;
+    return survey_tags(with, all, options);
   };
-  const auto measure = [&](const TagSurvey& surveyed,
-                           std::vector<SurveyFrame>& all) -> Result<void> {
+  steps.measure = [&](const TagSurvey& surveyed, std::vector<SurveyFrame>& all) -> Result<void> {
     for (std::size_t f = 0; f < all.size(); ++f) {
       if (stop.stop_requested()) return fail("ended early");
       all[f] = measured_frame(surveyed, f, all[f], used[f]->luma());
     }
     return {};
   };
-  return survey_by_edges(frames, survey, measure);
+  PENUMBRA_TRY(SweptTags swept, survey_sweep(camera, std::move(frames), steps,
+                                             {RowTimeGoal::given, request.refine_camera}));
+  return std::move(swept.survey);
 }
 
 // A surveyed tag and the same tag in the given map.
@@ -176,28 +187,39 @@ struct ComparedSighting {
   double refined = 0.0;
 };
 
-using MeasuredCorners = std::array<PointObservation, 4>;
-
 // Measures the corners of the tag's plane near a pose; returns nullopt if too few edges are found.
-std::optional<MeasuredCorners> measured_corners(
+std::optional<MeasuredTag> measured_corners(
     ImageView luma, const CameraModel& camera, const MappedTag& tag,
     const Transform<frame::Camera, frame::Tag>& T_camera_tag) {
   const auto pattern = TagPattern::make(tag.family, tag.id);
   if (!pattern) return std::nullopt;
-  const auto measured = measure_tag(luma, camera, *pattern, tag, T_camera_tag);
-  if (!measured) return std::nullopt;
-  const auto on_tag = tag_corners(tag.size_m);
-  MeasuredCorners corners;
-  for (std::size_t c = 0; c < 4; ++c)
-    corners[c] = {tag.T_table_tag * on_tag[c], measured->corners_px[c]};
-  return corners;
+  return measure_tag(luma, camera, *pattern, tag, T_camera_tag);
 }
 
-// Returns the mean squared error of each tag's corners at the pose that fits all corners [px^2].
+// The tags of one frame by one map, and their measured corners.
+struct MeasuredFrame {
+  std::vector<MappedTag> tags;
+  FrameCorners corners;
+
+  void add(const MappedTag& tag, const MeasuredTag& measured) {
+    corners.tags.push_back({tags.size(), measured.corners_px, 0.0});
+    tags.push_back(tag);
+  }
+};
+
+// Returns the mean squared error of each tag's corners at the motion that fits all corners [px^2].
 std::optional<std::vector<double>> squared_errors(const CameraModel& camera,
-                                                  std::span<const PointObservation> corners,
-                                                  const MapFromCamera& start) {
-  const auto fit = refine_pose(camera, corners, start);
+                                                  const MeasuredFrame& frame) {
+  const auto at_rest = at_middle_row(camera, frame.tags, frame.corners);
+  if (!at_rest) return std::nullopt;
+  std::vector<PointObservation> corners;
+  for (const TagCorners& seen : at_rest->tags) {
+    const MappedTag& tag = frame.tags[seen.tag];
+    const auto on_tag = tag_corners(tag.size_m);
+    for (std::size_t c = 0; c < 4; ++c)
+      corners.push_back({tag.T_table_tag * on_tag[c], seen.corners_px[c]});
+  }
+  const auto fit = refine_pose(camera, corners, at_rest->T_map_camera);
   if (!fit) return std::nullopt;
   const auto T_camera_map = fit->T_map_camera.inverse();
   std::vector<double> squares(corners.size() / 4);
@@ -223,8 +245,11 @@ std::vector<ComparedSighting> compare_in(const MapKeyframe& keyframe,
   const auto fit = poses.empty() ? std::nullopt : refine_pose(camera, detected, poses.front());
   if (!fit) return {};
   const auto T_camera_table = as_table_pose(fit->T_map_camera).inverse();
-  std::vector<PointObservation> by_current;
-  std::vector<PointObservation> by_refined;
+  const bool rolls = camera.parameters().rolling_shutter_row_s.value_or(0.0) > 0.0;
+  if (rolls && !keyframe.velocity) return {};
+  MeasuredFrame by_current{{},
+                           {fit->T_map_camera, keyframe.velocity.value_or(Vector6d::Zero()), {}}};
+  MeasuredFrame by_refined = by_current;
   for (const TagDetection& detection : detections) {
     const MappedTag& now = *refined.find(detection.family, detection.id);
     const MappedTag& before = *current.find(detection.family, detection.id);
@@ -233,12 +258,12 @@ std::vector<ComparedSighting> compare_in(const MapKeyframe& keyframe,
     const auto corners = measured_corners(keyframe.luma(), camera, now, T_camera_tag);
     const auto corners_before = measured_corners(keyframe.luma(), camera, before, T_camera_tag);
     if (!corners || !corners_before) continue;
-    by_refined.insert(by_refined.end(), corners->begin(), corners->end());
-    by_current.insert(by_current.end(), corners_before->begin(), corners_before->end());
+    by_refined.add(now, *corners);
+    by_current.add(before, *corners_before);
   }
-  if (by_refined.size() < 8) return {};
-  const auto old_errors = squared_errors(camera, by_current, fit->T_map_camera);
-  const auto new_errors = squared_errors(camera, by_refined, fit->T_map_camera);
+  if (by_refined.tags.size() < 2) return {};
+  const auto old_errors = squared_errors(camera, by_current);
+  const auto new_errors = squared_errors(camera, by_refined);
   if (!old_errors || !new_errors) return {};
   std::vector<ComparedSighting> sightings;
   for (std::size_t i = 0; i < new_errors->size(); ++i)
@@ -306,12 +331,29 @@ Result<TagMap> refine_map(const CameraModel& camera, const MapsToRefine& maps,
   if (!family) return fail("the map has no tag on the table");
   PENUMBRA_TRY(const Detections detections, detect_tags(maps.given, *family, keyframes, stop));
   PENUMBRA_TRY(const TagSurvey without_held_out,
-               survey_keyframes(camera, maps.given, *family, keyframes, detections, false, stop));
+               survey_keyframes(camera, maps.given, *family, keyframes, detections, {}, stop));
   PENUMBRA_TRY(const TagMap trial, merged(maps, without_held_out));
   PENUMBRA_TRY_VOID(check_better(camera, maps, trial, keyframes, detections));
-  PENUMBRA_TRY(const TagSurvey survey,
-               survey_keyframes(camera, maps.given, *family, keyframes, detections, true, stop));
+  PENUMBRA_TRY(const TagSurvey survey, survey_keyframes(camera, maps.given, *family, keyframes,
+                                                        detections, {true, false, {}}, stop));
   return merged(maps, survey);
+}
+
+Result<RefinedLens> refine_lens(const CameraModel& camera, const MapsToRefine& maps,
+                                const KeyframeList& keyframes,
+                                const std::vector<double>& lens_sigmas, std::stop_token stop) {
+  const std::optional<TagFamily> family = main_family(maps.given);
+  if (!family) return fail("the map has no tag on the table");
+  if (keyframes.size() < MapKeyframes::kRefinementInterval) {
+    return fail("there are {} keyframes from different sides, {} are needed", keyframes.size(),
+                MapKeyframes::kRefinementInterval);
+  }
+  PENUMBRA_TRY(const Detections detections, detect_tags(maps.given, *family, keyframes, stop));
+  PENUMBRA_TRY(TagSurvey survey, survey_keyframes(camera, maps.given, *family, keyframes,
+                                                  detections, {true, true, lens_sigmas}, stop));
+  if (!survey.lens_is_refined()) return fail("the keyframes do not show a better lens");
+  PENUMBRA_TRY(TagMap map, merged(maps, survey));
+  return RefinedLens{std::move(map), std::move(survey)};
 }
 
 MapChange change_of_map(const TagMap& before, const TagMap& after) {

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <stop_token>
+#include <vector>
 
 #include "calib/survey/keyframes.hpp"
+#include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -21,6 +23,18 @@ struct MapsToRefine {
 // map is to be kept. The same input gives the same bits. Once `stop` is requested, fails soon.
 [[nodiscard]] Result<TagMap> refine_map(const CameraModel& camera, const MapsToRefine& maps,
                                         const KeyframeList& keyframes, std::stop_token stop);
+
+struct RefinedLens {
+  TagMap map;        // belongs to the lens
+  TagSurvey survey;  // has the lens; in the frame of one of its tags
+};
+
+// Like refine_map(), but solves for the lens as well. `lens_sigmas`: as in SurveyOptions. The error
+// is why the given lens is to be kept.
+[[nodiscard]] Result<RefinedLens> refine_lens(const CameraModel& camera, const MapsToRefine& maps,
+                                              const KeyframeList& keyframes,
+                                              const std::vector<double>& lens_sigmas,
+                                              std::stop_token stop);
 
 // Distances of the corners of the table's tags from where another map has them [m].
 struct MapChange {

@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "tracking/detection/pose_solver.hpp"
-#include "tracking/evaluation/residual_causes.hpp"
 #include "tracking/math/se3.hpp"
 
 namespace penumbra {
@@ -30,6 +29,12 @@ struct PosedFrame {
   std::size_t index = 0;  // among the frames
   FrameCorners corners;   // tag: index into TagSurvey::tags
 };
+
+std::vector<MappedTag> tags_of(const TagSurvey& survey) {
+  std::vector<MappedTag> tags;
+  for (const SurveyedTag& tag : survey.tags) tags.push_back(tag.tag);
+  return tags;
+}
 
 // Poses a frame that the survey did not use.
 std::optional<MapFromCamera> pose_of(const TagSurvey& survey, const SurveyFrame& frame) {
@@ -67,7 +72,20 @@ std::vector<TagCorners> corners_of(const TagSurvey& survey, const SurveyFrame& f
   return corners;
 }
 
-// The frames that the survey used, with velocities by central differences.
+// Velocity by central differences; nullopt if the neighbours are too far away.
+std::optional<Vector6d> velocity_of(std::span<const SurveyFrame> frames,
+                                    std::span<const std::optional<MapFromCamera>> poses,
+                                    std::size_t f) {
+  const std::size_t before = f > 0 && poses[f - 1] ? f - 1 : f;
+  const std::size_t after = f + 1 < frames.size() && poses[f + 1] ? f + 1 : f;
+  const double gap_s = frames[after].time_s - frames[before].time_s;
+  if (!(gap_s > 0.0 && gap_s < kMaxGap_s)) return std::nullopt;
+  return (perturbation_between(*poses[f], *poses[after]) -
+          perturbation_between(*poses[f], *poses[before])) /
+         gap_s;
+}
+
+// The frames that the survey used and whose velocity is known.
 std::vector<PosedFrame> posed_frames(const TagSurvey& survey, std::span<const SurveyFrame> frames) {
   std::vector<std::optional<MapFromCamera>> poses;
   for (std::size_t f = 0; f < frames.size(); ++f) {
@@ -77,16 +95,13 @@ std::vector<PosedFrame> posed_frames(const TagSurvey& survey, std::span<const Su
   std::vector<PosedFrame> result;
   for (std::size_t f = 0; f < frames.size(); ++f) {
     if (!survey.cameras[f]) continue;
-    const std::size_t before = f > 0 && poses[f - 1] ? f - 1 : f;
-    const std::size_t after = f + 1 < frames.size() && poses[f + 1] ? f + 1 : f;
-    const double gap_s = frames[after].time_s - frames[before].time_s;
-    if (!(gap_s > 0.0 && gap_s < kMaxGap_s)) continue;
+    const std::optional<Vector6d> velocity =
+        frames[f].velocity ? frames[f].velocity : velocity_of(frames, poses, f);
+    if (!velocity) continue;
     PosedFrame& posed = result.emplace_back();
     posed.index = f;
     posed.corners.T_map_camera = *poses[f];
-    posed.corners.velocity = (perturbation_between(*poses[f], *poses[after]) -
-                              perturbation_between(*poses[f], *poses[before])) /
-                             gap_s;
+    posed.corners.velocity = *velocity;
     posed.corners.tags = corners_of(survey, frames[f]);
   }
   return result;
@@ -97,7 +112,7 @@ double rows_from_middle(const CameraModel& camera, const Eigen::Vector2d& pixel)
 }
 
 // Fits pose and velocity to the corners of a frame. Returns false if it fails.
-bool fit_motion(const CameraModel& camera, const TagSurvey& survey, FrameCorners& frame) {
+bool fit_motion(const CameraModel& camera, std::span<const MappedTag> tags, FrameCorners& frame) {
   const double row_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
   const Vector6d expected = frame.velocity;
   Vector6d prior;
@@ -109,7 +124,7 @@ bool fit_motion(const CameraModel& camera, const TagSurvey& survey, FrameCorners
     H.diagonal().tail<6>() = prior;
     g.tail<6>() = prior.cwiseProduct(expected - frame.velocity);
     for (const TagCorners& seen : frame.tags) {
-      const MappedTag& tag = survey.tags[seen.tag].tag;
+      const MappedTag& tag = tags[seen.tag];
       const auto corners = tag_corners(tag.size_m);
       const double weight =
           1.0 / (kCornerSigma_px * kCornerSigma_px + seen.sigma_px * seen.sigma_px);
@@ -166,32 +181,39 @@ void move_to_middle_row(const CameraModel& camera, const MappedTag* tag, const F
 
 }  // namespace
 
-std::optional<RowTime> find_row_time(const CameraModel& camera, const TagSurvey& survey,
-                                     std::span<const SurveyFrame> frames, bool was_found) {
-  std::vector<FrameCorners> corners;
-  for (PosedFrame& posed : posed_frames(survey, frames))
-    corners.push_back(std::move(posed.corners));
-  std::vector<MappedTag> tags;
-  for (const SurveyedTag& tag : survey.tags) tags.push_back(tag.tag);
-  const ResidualCauses causes = find_residual_causes(camera, tags, corners);
+Result<CameraModel> with_row_time(const CameraModel& camera, double row_s) {
   CameraParameters parameters = camera.parameters();
-  const double given_s = parameters.rolling_shutter_row_s.value_or(0.0);
+  parameters.rolling_shutter_row_s = row_s;
+  return CameraModel::make(parameters);
+}
+
+std::optional<RowTime> row_time_of(const CameraModel& camera, const ResidualCauses& causes,
+                                   bool was_found) {
+  const double given_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
   const RowTime found{given_s + causes.joint_row_time_s, causes.joint_row_time_sigma_s};
   if (causes.frames == 0 || !(found.seconds > kSignificance * found.sigma_s)) return std::nullopt;
   const double difference_s = std::abs(causes.joint_row_time_s);
   const bool differs = given_s > 0.0 ? difference_s > kDifferenceSignificance * found.sigma_s
                                      : causes.of(ErrorCause::shutter).significant;
   if (!was_found && !differs) return std::nullopt;
-  parameters.rolling_shutter_row_s = found.seconds;
-  return CameraModel::make(parameters) ? std::optional(found) : std::nullopt;
+  return with_row_time(camera, found.seconds) ? std::optional(found) : std::nullopt;
+}
+
+std::optional<RowTime> find_row_time(const CameraModel& camera, const TagSurvey& survey,
+                                     std::span<const SurveyFrame> frames, bool was_found) {
+  std::vector<FrameCorners> corners;
+  for (PosedFrame& posed : posed_frames(survey, frames))
+    corners.push_back(std::move(posed.corners));
+  return row_time_of(camera, find_residual_causes(camera, tags_of(survey), corners), was_found);
 }
 
 std::vector<SurveyFrame> at_middle_row(const CameraModel& camera, const TagSurvey& survey,
                                        std::span<const SurveyFrame> frames) {
   std::vector<SurveyFrame> result(frames.begin(), frames.end());
   if (camera.parameters().rolling_shutter_row_s.value_or(0.0) == 0.0) return result;
+  const std::vector<MappedTag> tags = tags_of(survey);
   for (PosedFrame& posed : posed_frames(survey, frames)) {
-    if (!fit_motion(camera, survey, posed.corners)) continue;
+    if (!fit_motion(camera, tags, posed.corners)) continue;
     SurveyFrame& frame = result[posed.index];
     for (std::size_t i = 0; i < frame.tags.size(); ++i) {
       const auto tag = std::ranges::find(survey.tags, frame.tags[i].id,
@@ -203,6 +225,15 @@ std::vector<SurveyFrame> at_middle_row(const CameraModel& camera, const TagSurve
     }
   }
   return result;
+}
+
+std::optional<FrameCorners> at_middle_row(const CameraModel& camera,
+                                          std::span<const MappedTag> tags, FrameCorners frame) {
+  if (camera.parameters().rolling_shutter_row_s.value_or(0.0) == 0.0) return frame;
+  if (!fit_motion(camera, tags, frame)) return std::nullopt;
+  for (TagCorners& seen : frame.tags)
+    move_to_middle_row(camera, &tags[seen.tag], frame, seen.corners_px);
+  return frame;
 }
 
 }  // namespace penumbra

@@ -8,6 +8,8 @@
 
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_model.hpp"
+#include "core/error.hpp"
+#include "tracking/evaluation/residual_causes.hpp"
 
 namespace penumbra {
 
@@ -15,6 +17,15 @@ struct RowTime {
   double seconds = 0.0;  // from the read-out of one row to that of the next
   double sigma_s = 0.0;
 };
+
+[[nodiscard]] Result<CameraModel> with_row_time(const CameraModel& camera, double row_s);
+
+// Returns the row time that the residuals of corners show, if they show another one than the
+// camera's, or one at all. `causes`: of residuals with the row time of `camera`. `was_found`: as
+// below.
+[[nodiscard]] std::optional<RowTime> row_time_of(const CameraModel& camera,
+                                                 const ResidualCauses& causes,
+                                                 bool was_found = false);
 
 // Estimates the row time from the uncorrected corners of `frames`. `survey` must be corrected for
 // the row time of `camera`, if it has one. Returns nullopt if the corners do not show another row
@@ -30,5 +41,10 @@ struct RowTime {
 [[nodiscard]] std::vector<SurveyFrame> at_middle_row(const CameraModel& camera,
                                                      const TagSurvey& survey,
                                                      std::span<const SurveyFrame> frames);
+// The same for one frame of tags at known places. `frame`: approximate pose and velocity. Returns
+// nullopt if the corners do not determine the motion.
+[[nodiscard]] std::optional<FrameCorners> at_middle_row(const CameraModel& camera,
+                                                        std::span<const MappedTag> tags,
+                                                        FrameCorners frame);
 
 }  // namespace penumbra

@@ -90,6 +90,9 @@ struct SurveyFrame {
   std::vector<TagDetection> tags;
   std::vector<std::optional<MeasuredTag>> measured;  // one per element of `tags`, or empty
   double time_s = 0.0;                               // at the exposure of the middle row
+  // Velocity of the camera at that time, T_map_camera * exp(t velocity) [m/s, rad/s]; nullopt: it
+  // follows from the neighbouring frames.
+  std::optional<Vector6d> velocity = {};
 };
 
 // Chains cameras and tags outwards from the anchor, then bundle adjusts them. The error is one line

@@ -140,8 +140,9 @@ struct TrackedFrame {
 };
 
 // Tracks the tags through the frames of one camera. The same frames give the same poses, bit for
-// bit, as `penumbra replay` (except with Search::when_done). Use an object from one thread at a
-// time; different objects are independent.
+// bit, as `penumbra replay` (except with Search::when_done, and after `replay` has reported a
+// systematic error of the tag map). Use an object from one thread at a time; different objects are
+// independent.
 class PENUMBRA_API Tracker {
  public:
   // Throws if no tag belongs to the group "table", or for an option out of range.

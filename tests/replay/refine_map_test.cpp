@@ -1,6 +1,7 @@
 // replay and live with --refine-map.
 #include <gmock/gmock.h>
 
+#include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "replay_support.hpp"
 
@@ -70,10 +71,58 @@ TEST_F(RefineMap, FindsShapeOfBentSheetWithAnyNumberOfThreads) {
   EXPECT_GE(report["map_refinement"]["refinements"], 3);
   EXPECT_NEAR(report["map_refinement"]["change_mm"]["rmse"], 1.8, 0.1);
   EXPECT_EQ(report["frames_tracked"], 64);
-  EXPECT_LT(report["accuracy"]["overlay_px"]["median"], 0.06);  // 1.1 px with the flat map
+  EXPECT_LT(report["accuracy"]["overlay_px"]["median"], 0.06);  // 1.0 px with the flat map
   const nlohmann::json again =
       replayed(recording, "again", {"--tags", file("parallel.yaml"), "--frames", "32:64"});
-  EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 0.097);  // 2.0 px with the flat map
+  EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 0.097);  // 1.9 px with the flat map
+}
+
+TEST_F(RefineMap, FindsRowTimeOfRollingShutterAndUsesIt) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::string recording = (shared_dir() / "recordings" / "rolling").string();
+  const nlohmann::json report =
+      replayed(recording, "first",
+               {"--refine-map", file("map.yaml"), "--refine-camera", file("camera.yaml")});
+  EXPECT_NEAR(report["map_refinement"]["row_time_us"]["value"], 40.0, 2.0);
+  EXPECT_GE(report["frames_tracked"], 60);
+  EXPECT_LT(report["accuracy"]["overlay_px"]["median"], 0.35);  // 1.9 px without a row time
+  const nlohmann::json again = replayed(
+      recording, "again", {"--tags", file("map.yaml"), "--calibration", file("camera.yaml")});
+  EXPECT_EQ(again["frames_tracked"], 64);
+  EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 0.33);  // 2.7 px without a row time
+}
+
+TEST_F(RefineMap, WritesRefinedLensForTheNextRun) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::string recording = (shared_dir() / "recordings" / "lens").string();
+  const nlohmann::json report =
+      replayed(recording, "first",
+               {"--refine-map", file("map.yaml"), "--refine-camera", file("camera.yaml")});
+  EXPECT_GT(report["map_refinement"]["lens_gain"], 0.5);
+  EXPECT_THAT(out_, HasSubstr("camera: refined lens"));
+  EXPECT_THAT(out_, HasSubstr("tag map: refined with the lens"));
+  const nlohmann::json again = replayed(
+      recording, "again", {"--tags", file("map.yaml"), "--calibration", file("camera.yaml")});
+  EXPECT_EQ(again["frames_tracked"], 60);
+  const auto truth = load_camera(std::filesystem::path(recording) / "camera-true.yaml");
+  const auto written = load_camera(file("camera.yaml"));
+  ASSERT_TRUE(truth && written);
+  EXPECT_NEAR(written->parameters().fx / truth->parameters().fx, 1.0, 0.002);  // given: 1.006
+  EXPECT_NEAR(written->parameters().distortion[0], truth->parameters().distortion[0], 0.01);
+  EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 2.0);  // 4.1 px with the given lens
+}
+
+TEST_F(RefineMap, KeepsLensThatExplainsTheTags) {
+  const nlohmann::json report = replayed(bundled("tabletop"), "kept",
+                                         {"--refine-camera", file("camera.yaml"), "--refine-map"});
+  EXPECT_FALSE(report["map_refinement"].contains("lens_gain"));
+  EXPECT_FALSE(report["map_refinement"].contains("row_time_us"));
+  EXPECT_THAT(out_, HasSubstr("camera: the given lens"));
+  const auto given = load_camera(std::filesystem::path(bundled("tabletop")) / "camera.yaml");
+  const auto written = load_camera(file("camera.yaml"));
+  ASSERT_TRUE(given && written);
+  EXPECT_EQ(written->parameters().fx, given->parameters().fx);
+  EXPECT_EQ(written->parameters().distortion, given->parameters().distortion);
 }
 
 TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "support/random_session.hpp"
+#include "support/hand_held_session.hpp"
 #include "support/synthetic_view.hpp"
 #include "support/test_form.hpp"
 #include "tracking/group_tracker.hpp"
@@ -14,36 +14,6 @@ namespace penumbra {
 namespace {
 
 constexpr int kWatchedFrames = 40;
-
-// A hand-held camera over a sheet of 4 x 3 tags.
-test::Session hand_held_session(std::uint64_t seed) {
-  test::Session session;
-  test::RandomNumbers draw(seed);
-  CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
-  p.tone_curve = 1.0;
-  session.camera = CameraModel::make(p).value();
-  session.tags = test::layout_of(test::Layout::sheet, draw);
-  session.motion.distance = {0.45, 0.08, 0.5, 0.3};
-  session.motion.elevation = {0.9, 0.4, 1.1, 1.0};
-  session.motion.azimuth = {0.4, 0.3, 0.4, 2.0};
-  session.motion.x = {0.0, 0.04, 0.9, 0.0};
-  session.motion.y = {0.0, 0.04, 0.7, 1.5};
-  session.light.noise_grey = 2.0;
-  session.light.samples = 64;
-  session.light.seed = seed;
-  return session;
-}
-
-// Returns the tags of a flat sheet on a sheet that rises towards two of its sides.
-std::vector<MappedTag> bent_sheet(std::vector<MappedTag> tags) {
-  for (MappedTag& tag : tags) {
-    Eigen::Vector3d at = tag.T_table_tag.translation();
-    at.z() = 0.5 * at.x() * at.x();
-    const Eigen::Quaterniond slope(Eigen::AngleAxisd(-std::atan(at.x()), Eigen::Vector3d::UnitY()));
-    tag.T_table_tag = {slope, at};
-  }
-  return tags;
-}
 
 struct Watched {
   std::optional<ResidualCauses> found;
@@ -77,13 +47,13 @@ Watched watch(const test::Session& session, const CameraModel& camera,
 
 TEST(ResidualWatch, FindsNothingIfMapAndCameraAreRight) {
   for (int seed = 1; seed <= (test::nightly() ? 40 : 3); ++seed) {
-    const test::Session session = hand_held_session(static_cast<std::uint64_t>(seed));
+    const test::Session session = test::hand_held_session(static_cast<std::uint64_t>(seed));
     EXPECT_FALSE(watch(session, session.camera, session.tags).found) << seed;
   }
 }
 
 TEST(ResidualWatch, FindsWrongFocalLengthWithin30Frames) {
-  const test::Session session = hand_held_session(11);
+  const test::Session session = test::hand_held_session(11);
   CameraParameters wrong = session.camera.parameters();
   wrong.fx *= 1.01;
   wrong.fy *= 1.01;
@@ -98,9 +68,9 @@ TEST(ResidualWatch, FindsWrongFocalLengthWithin30Frames) {
 }
 
 TEST(ResidualWatch, FindsCurvedSheetWithin30Frames) {
-  const test::Session session = hand_held_session(12);
+  const test::Session session = test::hand_held_session(12);
   test::Session of_bent = session;
-  of_bent.tags = bent_sheet(session.tags);  // the map is flat
+  of_bent.tags = test::bent_sheet(session.tags);  // the map is flat
   const Watched watched = watch(of_bent, session.camera, session.tags);
   ASSERT_TRUE(watched.found);
   EXPECT_LE(watched.first_found, 30);
@@ -109,7 +79,7 @@ TEST(ResidualWatch, FindsCurvedSheetWithin30Frames) {
 }
 
 TEST(ResidualWatch, FindsRollingShutterWithin30Frames) {
-  test::Session session = hand_held_session(13);
+  test::Session session = test::hand_held_session(13);
   CameraParameters rolling = session.camera.parameters();
   rolling.rolling_shutter_row_s = 40e-6;
   const CameraModel global = session.camera;
@@ -123,7 +93,7 @@ TEST(ResidualWatch, FindsRollingShutterWithin30Frames) {
 }
 
 TEST(ResidualWatch, IgnoresFramesWithoutPoseAndNonFiniteNumbers) {
-  const test::Session session = hand_held_session(14);
+  const test::Session session = test::hand_held_session(14);
   const TagMap map = TagMap::make(session.tags).value();
   const auto residuals = ResidualWatch::create(session.camera, map).value();
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -144,13 +114,13 @@ TEST(ResidualWatch, MeasuresPartOfManyTags) {
   std::vector<MappedTag> tags;
   for (int i = 0; i < 160; ++i)
     tags.push_back(test::flat_tag(i, 0.03 * (i % 16), 0.03 * (i / 16), 0.02));
-  const test::Session session = hand_held_session(15);
+  const test::Session session = test::hand_held_session(15);
   EXPECT_TRUE(ResidualWatch::create(session.camera, TagMap::make(tags).value()));
 }
 
 // Two tags fit any camera, so their residuals show nothing.
 TEST(ResidualWatch, TestsNothingWithFewerThanThreeTags) {
-  test::Session session = hand_held_session(15);
+  test::Session session = test::hand_held_session(15);
   session.tags.resize(2);
   CameraParameters wrong = session.camera.parameters();
   wrong.fx *= 1.02;
@@ -159,9 +129,9 @@ TEST(ResidualWatch, TestsNothingWithFewerThanThreeTags) {
 }
 
 TEST(ResidualWatch, ForgetsCausesOfPreviousMap) {
-  const test::Session flat = hand_held_session(12);
+  const test::Session flat = test::hand_held_session(12);
   test::Session session = flat;
-  session.tags = bent_sheet(flat.tags);
+  session.tags = test::bent_sheet(flat.tags);
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   const TagMap wrong = TagMap::make(flat.tags).value();
   const TagMap right = TagMap::make(session.tags).value();
@@ -173,8 +143,8 @@ TEST(ResidualWatch, ForgetsCausesOfPreviousMap) {
     residuals->observe(tracked);
   }
   ASSERT_TRUE(residuals->found());
-  ASSERT_TRUE(tracker.set_map(right));
-  ASSERT_TRUE(residuals->restart(right));
+  ASSERT_TRUE(tracker.set_map(session.camera, right));
+  ASSERT_TRUE(residuals->restart(session.camera, right));
   EXPECT_FALSE(residuals->found());
   for (int i = 0; i < kWatchedFrames; ++i, ++frame) {
     TrackedFrame tracked = tracker.track(session.image(renderer, frame));

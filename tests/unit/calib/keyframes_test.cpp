@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -32,11 +33,16 @@ class MapKeyframesTest : public testing::Test {
     return test::looking_at({0.0, 0.0, 0.0}, 0.6, radians(elevation_deg), radians(azimuth_deg),
                             0.0);
   }
-  bool add(const CameraPose& pose) { return keyframes_->add(image(), pose); }
+  bool add(const CameraPose& pose) { return add(image(), pose); }
+  bool add(ImageView luma, const CameraPose& pose) {
+    return keyframes_->add(luma, kInterval_ns * count_++, pose);
+  }
 
   CameraModel camera_;
   std::vector<std::uint8_t> pixels_;
   std::optional<MapKeyframes> keyframes_;
+  std::int64_t count_ = 0;  // number of frames
+  static constexpr std::int64_t kInterval_ns = 33'333'333;
 };
 
 TEST_F(MapKeyframesTest, KeepsOneOfManyFramesFromTheSamePlace) {
@@ -47,9 +53,9 @@ TEST_F(MapKeyframesTest, KeepsOneOfManyFramesFromTheSamePlace) {
 
 TEST_F(MapKeyframesTest, RequestsRefinementAfterEveryEightKeyframes) {
   std::vector<int> due;
-  for (int i = 0; keyframes_->added() < 24; ++i) {
+  for (int i = 0; keyframes_->kept().size() < 24; ++i) {
     ASSERT_LT(i, 100);
-    if (add(pose_at(4.0 * i))) due.push_back(keyframes_->added());
+    if (add(pose_at(4.0 * i))) due.push_back(static_cast<int>(keyframes_->kept().size()));
   }
   EXPECT_THAT(due, testing::ElementsAre(8, 16, 24));
 }
@@ -92,17 +98,29 @@ TEST_F(MapKeyframesTest, SkipsInvalidPosesAndImages) {
   const CameraPose no_rotation(Eigen::Quaterniond(0.0, 0.0, 0.0, 0.0), Eigen::Vector3d::Ones());
   EXPECT_FALSE(add(no_rotation));
   const ImageView half{pixels_.data(), 32, 48, 64};
-  for (int i = 0; i < 3; ++i) EXPECT_FALSE(keyframes_->add(half, pose_at(4.0 * i)));
-  EXPECT_FALSE(keyframes_->add({}, pose_at(0.0)));
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(add(half, pose_at(4.0 * i)));
+  EXPECT_FALSE(add(ImageView(), pose_at(0.0)));
   for (const auto& keyframe : keyframes_->kept()) EXPECT_TRUE(keyframe->camera_m.allFinite());
+}
+
+// A camera at a constant angular velocity about the vertical axis.
+TEST_F(MapKeyframesTest, HasVelocityFromNeighbouringFrames) {
+  constexpr double kTurn_deg = 0.5;  // per frame
+  for (int i = 0; i < 3; ++i) (void)add(pose_at(kTurn_deg * i));
+  ASSERT_EQ(keyframes_->kept().size(), 1U);
+  ASSERT_TRUE(keyframes_->kept().front()->velocity);
+  const Vector6d velocity = *keyframes_->kept().front()->velocity;
+  const double turn = radians(kTurn_deg) / (static_cast<double>(kInterval_ns) * 1e-9);
+  EXPECT_NEAR(velocity.tail<3>().norm(), turn, 1e-3 * turn);
+  EXPECT_NEAR(velocity.head<3>().norm(), turn * 0.6 * std::cos(radians(60.0)), 1e-3 * turn);
 }
 
 TEST_F(MapKeyframesTest, CopiesRowsWithoutPadding) {
   std::vector<std::uint8_t> padded(std::size_t{100} * 48, 7);
   padded[100] = 9;  // first pixel of the second row
   const ImageView view{padded.data(), 64, 48, 100};
-  (void)keyframes_->add(view, pose_at(0.0));
-  (void)keyframes_->add(view, pose_at(0.1));
+  (void)add(view, pose_at(0.0));
+  (void)add(view, pose_at(0.1));
   ASSERT_EQ(keyframes_->kept().size(), 1U);
   const ImageView copy = keyframes_->kept().front()->luma();
   EXPECT_EQ(copy.row(1)[0], 9);

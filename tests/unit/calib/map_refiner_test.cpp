@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/units.hpp"
+#include "support/aligned_map.hpp"
 #include "support/synthetic_board.hpp"
 
 namespace penumbra {
@@ -70,25 +71,10 @@ class MapRefinerTest : public testing::Test {
   static inline KeyframeList bent_keyframes_;
 };
 
-// Returns the largest distance between corners of the tags, after both sheets are aligned.
-double largest_error_m(const TagMap& map, const std::vector<MappedTag>& truth) {
-  Eigen::Matrix3Xd from(3, 4 * truth.size());
-  Eigen::Matrix3Xd to(3, 4 * truth.size());
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    for (std::size_t c = 0; c < 4; ++c) {
-      const auto column = static_cast<Eigen::Index>(4 * i + c);
-      from.col(column) = truth[i].corners()[c];
-      to.col(column) = map.tags()[i].corners()[c];
-    }
-  }
-  const Eigen::Affine3d T(Eigen::umeyama(from, to, false));
-  return (T * from - to).colwise().norm().maxCoeff();
-}
-
 TEST_F(MapRefinerTest, FindsShapeOfBentSheetInTheGivenFrame) {
   const auto map = refined(flat_map(), bent_keyframes_);
   ASSERT_TRUE(map) << map.error().message;
-  EXPECT_LT(largest_error_m(*map, bent_sheet()), 1.5e-4);
+  EXPECT_LT(test::largest_error_m(*map, bent_sheet()), 1.5e-4);
   // The corners are on average where they were.
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < map->tags().size(); ++i) {

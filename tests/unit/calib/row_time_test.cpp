@@ -13,6 +13,7 @@
 
 #include "core/units.hpp"
 #include "support/cameras.hpp"
+#include "support/rolling_camera.hpp"
 #include "support/synthetic_board.hpp"
 
 namespace penumbra {
@@ -20,20 +21,6 @@ namespace {
 
 constexpr double kInterval_s = 1.0 / 30.0;
 constexpr double kNoise_px = 0.03;
-
-// Handheld motion: pans of about 0.5 m/s in the table's plane, about a view from 45 degrees.
-CameraPose pose_at(double time_s, double speed) {
-  const double a = speed * std::sin(5.1 * time_s);
-  const double b = speed * std::sin(3.7 * time_s + 1.0);
-  return test::looking_at({0.05 * a, 0.05 * b, 0.0}, 0.4 + 0.03 * b, radians(50.0 + 8.0 * a),
-                          radians(40.0 * time_s + 10.0 * b), radians(8.0 * b));
-}
-
-CameraModel with_row_time(const CameraModel& camera, double row_s) {
-  CameraParameters p = camera.parameters();
-  p.rolling_shutter_row_s = row_s;
-  return CameraModel::make(p).value();
-}
 
 // `row_s` 0: global shutter; `speed` 0: the camera turns about the table only slowly.
 std::vector<SurveyFrame> moving_sweep(const CameraModel& camera,
@@ -51,13 +38,8 @@ std::vector<SurveyFrame> moving_sweep(const CameraModel& camera,
       const auto corners = tag.corners();
       bool visible = true;
       for (std::size_t i = 0; i < 4; ++i) {
-        double time_s = frame.time_s;
-        Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-        for (int step = 0; step < 6; ++step) {
-          pixel = camera.project(pose_at(time_s, speed).inverse() * corners[i])
-                      .value_or(Eigen::Vector2d::Zero());
-          time_s = frame.time_s + row_s * (pixel.y() - 0.5 * (camera.height() - 1));
-        }
+        const Eigen::Vector2d pixel =
+            test::rolling_pixel(camera, corners[i], frame.time_s, row_s, speed);
         visible = visible && pixel.x() > 4.0 && pixel.y() > 4.0 &&
                   pixel.x() < camera.width() - 5.0 && pixel.y() < camera.height() - 5.0;
         measured.corners_px[i] =
@@ -97,7 +79,7 @@ TEST_F(RowTimeOfSweep, IsFoundInFewRounds) {
       const auto found = find_row_time(rolling, map, frames, round > 0);
       ASSERT_TRUE(found) << row_s;
       sigma_s = found->sigma_s;
-      rolling = with_row_time(camera_, found->seconds);
+      rolling = test::with_row_time(camera_, found->seconds);
       map = survey(at_middle_row(rolling, map, frames));
     }
     const double error_s = std::abs(*rolling.parameters().rolling_shutter_row_s - row_s);
@@ -124,7 +106,7 @@ TEST_F(RowTimeOfSweep, ReplacesOnlyWrongRowTimeOfCamera) {
   constexpr double kRow_s = 40e-6;
   const auto frames = moving_sweep(camera_, board_, kRow_s, 1.0);
   const auto found_with = [&](double given_s) {
-    const CameraModel given = with_row_time(camera_, given_s);
+    const CameraModel given = test::with_row_time(camera_, given_s);
     TagSurvey map = survey(frames);
     for (int round = 0; round < 3; ++round) map = survey(at_middle_row(given, map, frames));
     return find_row_time(given, map, frames);
@@ -140,7 +122,7 @@ TEST_F(RowTimeOfSweep, ReplacesOnlyWrongRowTimeOfCamera) {
 // A tag that the survey rejected, perhaps because of the shutter, may fit after the correction.
 TEST_F(RowTimeOfSweep, CorrectsRejectedTags) {
   constexpr double kRow_s = 40e-6;
-  const CameraModel rolling = with_row_time(camera_, kRow_s);
+  const CameraModel rolling = test::with_row_time(camera_, kRow_s);
   const auto frames = moving_sweep(camera_, board_, kRow_s, 1.0);
   TagSurvey map = survey(frames);
   for (int round = 0; round < 4; ++round) map = survey(at_middle_row(rolling, map, frames));
@@ -170,7 +152,7 @@ TEST_F(RowTimeOfSweep, CorrectsRejectedTags) {
 
 TEST_F(RowTimeOfSweep, CorrectsCornersAndMap) {
   constexpr double kRow_s = 40e-6;
-  const CameraModel rolling = with_row_time(camera_, kRow_s);
+  const CameraModel rolling = test::with_row_time(camera_, kRow_s);
   const auto frames = moving_sweep(camera_, board_, kRow_s, 1.0);
   const auto truth = moving_sweep(camera_, board_, 0.0, 1.0);
   TagSurvey map = survey(frames);
@@ -209,7 +191,7 @@ TEST_F(RowTimeOfSweep, LeavesCornersWithoutRowTime) {
 TEST_F(RowTimeOfSweep, IgnoresUnusableTimes) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  const CameraModel rolling = with_row_time(camera_, 40e-6);
+  const CameraModel rolling = test::with_row_time(camera_, 40e-6);
   auto frames = moving_sweep(camera_, board_, 40e-6, 1.0, 16);
   const TagSurvey map = survey(frames);
   for (const double interval_s : {0.0, -kInterval_s, 10.0, 1e300, kNaN, kInfinity}) {

@@ -305,7 +305,7 @@ TEST(GroupTracker, ContinuesWithAnotherMapWithoutSearch) {
     const TrackedFrame before = tracker.track(stage.frame_image(f));
     ASSERT_EQ(before.pose.status, TrackStatus::tracked);
   }
-  ASSERT_TRUE(tracker.set_map(TagMap::make(stage.tags).value()));
+  ASSERT_TRUE(tracker.set_map(stage.camera, TagMap::make(stage.tags).value()));
   for (int f = 3; f < 6; ++f) {
     const TrackedFrame after = tracker.track(stage.frame_image(f));
     EXPECT_EQ(after.pose.status, TrackStatus::tracked);
@@ -317,14 +317,32 @@ TEST(GroupTracker, ContinuesWithAnotherMapWithoutSearch) {
   }
 }
 
+TEST(GroupTracker, ContinuesWithAnotherRowTimeWithoutLosingGroups) {
+  const Stage stage({wall()});
+  const TagMap map = TagMap::make(stage.tags).value();
+  GroupTracker tracker = GroupTracker::create(stage.camera, map).value();
+  for (int f = 0; f < 3; ++f) {
+    ASSERT_EQ(tracker.track(stage.frame_image(f)).pose.status, TrackStatus::tracked);
+  }
+  CameraParameters parameters = stage.camera.parameters();
+  parameters.rolling_shutter_row_s = 1e-7;  // the images are of a global shutter
+  ASSERT_TRUE(tracker.set_map(CameraModel::make(parameters).value(), map));
+  for (int f = 3; f < 6; ++f) {
+    const TrackedFrame after = tracker.track(stage.frame_image(f));
+    EXPECT_EQ(after.pose.status, TrackStatus::tracked);
+    EXPECT_FALSE(after.times.full_detection);
+    EXPECT_EQ(group_named(after, "wall").status, TrackStatus::tracked);
+  }
+}
+
 TEST(GroupTracker, TakesAnotherMapBeforeTheFirstFrameAndWhileLost) {
   const Stage stage({});
   const TagMap map = TagMap::make(stage.tags).value();
   GroupTracker tracker = GroupTracker::create(stage.camera, map).value();
-  ASSERT_TRUE(tracker.set_map(map));
+  ASSERT_TRUE(tracker.set_map(stage.camera, map));
   EXPECT_EQ(tracker.track(stage.frame_image(0)).pose.status, TrackStatus::tracked);
   EXPECT_NE(tracker.track(Frame()).pose.status, TrackStatus::tracked);
-  ASSERT_TRUE(tracker.set_map(map));
+  ASSERT_TRUE(tracker.set_map(stage.camera, map));
   EXPECT_EQ(tracker.track(stage.frame_image(2)).pose.status, TrackStatus::tracked);
 }
 
