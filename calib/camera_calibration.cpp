@@ -102,13 +102,15 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
   self.target_ = target;
   self.options_ = options;
   PENUMBRA_TRY(self.detector_, TargetDetector::create(target));
+  self.motion_.emplace(target);
   if (target.tags) {
     PENUMBRA_TRY(self.check_, ImageCheck::create(*target.tags));
   }
   return self;
 }
 
-Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
+Result<void> CameraCalibrator::add(const std::string& name, ImageView luma,
+                                   std::optional<std::int64_t> timestamp_ns) {
   if (first_name_.empty()) {
     first_name_ = name;
     width_ = luma.width;
@@ -122,6 +124,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   image.width = luma.width;
   image.height = luma.height;
   image.view = detector_->detect(luma);
+  if (timestamp_ns) motion_->add(*timestamp_ns, image.view.corners);
   ++candidates_;
   if (!image.view.corners.empty()) ++images_with_target_;
   if (4 * image.view.two_cell_tags > static_cast<int>(image.view.corners.size()))
@@ -480,7 +483,12 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   result.images = std::move(images_);
   result.other_board = other_board_advice();
   judge(result);
-  report_step("tone curve", last);
+  report_step("row time and tone curve", last);
+  result.row_time = motion_->row_time(result.solution.camera);
+  if (result.row_time) {
+    PENUMBRA_TRY(result.solution.camera,
+                 with_row_time(result.solution.camera, result.row_time->seconds));
+  }
   const Result<ToneEstimate> tone = estimate_tone(result);
   if (stop_.stop_requested()) return fail("ended early");
   if (tone) {
@@ -511,6 +519,7 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
     record.standard_deviations.push_back(std::sqrt(std::max(solution.covariance(i, i), 0.0)));
   record.focus_position = focus_position;
   if (calibration.tone) record.tone_curve_sigma = calibration.tone->sigma;
+  if (calibration.row_time) record.row_time_sigma_s = calibration.row_time->sigma_s;
   return record;
 }
 

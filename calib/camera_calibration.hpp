@@ -15,6 +15,7 @@
 #include "calib/solver/table_volume.hpp"
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"
+#include "calib/target/target_motion.hpp"
 #include "core/camera/camera_file.hpp"
 #include "tracking/alignment/tone_estimator.hpp"
 #include "tracking/detection/image_check.hpp"
@@ -104,6 +105,7 @@ struct CameraCalibration {
   std::optional<TableVolumeUncertainty> table;
   std::optional<ToneEstimate> tone;  // for targets with tags; also set in solution.camera
   std::string tone_unknown;          // why `tone` is empty
+  std::optional<RowTime> row_time;   // if the images show one; also set in solution.camera
   double tilt_spread_deg = 0.0;
   double blur_px = 0.0;  // median of the used views
   CalibrationGrade grade = CalibrationGrade::poor;
@@ -126,8 +128,14 @@ class CameraCalibrator {
                                                        const CalibrationOptions& options = {});
 
   // Searches an image for the target. Fails if its size differs from the other images' size.
-  // Rejects images with mirrored or negative tags (CalibrationImage::left_out).
-  [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
+  // Rejects images with mirrored or negative tags (CalibrationImage::left_out). `timestamp_ns`: if
+  // the images are of a video.
+  [[nodiscard]] Result<void> add(const std::string& name, ImageView luma,
+                                 std::optional<std::int64_t> timestamp_ns = std::nullopt);
+  // Adds corners of an image of a video that is not a view, to estimate the row time.
+  void add_motion(std::int64_t timestamp_ns, std::span<const TargetCorner> corners) {
+    motion_->add(timestamp_ns, corners);
+  }
   void add_unreadable(const std::string& name, const std::string& why);
   // Returns the number of images in memory: up to 2 * CalibrationOptions::max_views.
   [[nodiscard]] std::ptrdiff_t images_in_memory() const;
@@ -159,6 +167,7 @@ class CameraCalibrator {
   CalibrationOptions options_;
   std::optional<TargetDetector> detector_;
   std::optional<ImageCheck> check_;  // for targets with tags
+  std::optional<TargetMotion> motion_;
   bool found_faulty_image_ = false;  // an image was mirrored or negative
   std::vector<CalibrationImage> images_;
   int width_ = 0;

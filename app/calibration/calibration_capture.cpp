@@ -48,6 +48,7 @@ ImageFeed newest_image_feed(LiveSource& source) {
       if (!frame) continue;
       NamedImage image;
       image.name = "an image";
+      image.timestamp_ns = frame->timestamp_ns;
       image.frame = *frame;
       image.luma = luma(*frame, scratch);
       PENUMBRA_TRY(const bool more, visit(image));
@@ -158,7 +159,8 @@ class ImageChecker {
           image.name, image.luma.width, image.luma.height, width_, height_);
     }
     GuideResult look = guide_.look(image.luma);
-    if (check_ && !look.corners_px.empty()) check_.reset();
+    if (check_ && !look.corners.empty()) check_.reset();
+    if (image.timestamp_ns) calibrator_.add_motion(*image.timestamp_ns, look.corners);
     if (check_) {
       if (const auto fault = check_->check_untagged(image.luma)) {
         return fail("{}: {}", image.name, advice(*fault));

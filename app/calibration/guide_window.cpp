@@ -71,7 +71,8 @@ void draw_corners(const GuideHud& hud, const ImageArea& area, float em) {
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
   const double scale = static_cast<double>(area.width) / hud.width;
   const float radius = std::max(2.0F, 0.16F * em);
-  for (const Eigen::Vector2d& pixel : hud.look.corners_px) {
+  for (const TargetCorner& corner : hud.look.corners) {
+    const Eigen::Vector2d& pixel = corner.pixel;
     // The centre of pixel 0 lies half a pixel from the edge.
     const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
                     static_cast<float>(area.y + scale * (pixel.y() + 0.5)));

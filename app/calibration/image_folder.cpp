@@ -32,9 +32,11 @@ Result<std::vector<std::filesystem::path>> image_files_in(const std::filesystem:
   return files;
 }
 
-// Reads the images and passes them to `visit`. `source`: name for messages.
+// Reads the images and passes them to `visit`. `source`: name for messages. `times_ns`: one per
+// file, or empty.
 Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
+                       const std::vector<std::int64_t>& times_ns,
                        const std::function<Result<bool>(const NamedImage&)>& visit) {
   const SampleDepth depth = sample_depth_of(files);
   ClampWatch clamps(depth.bits);
@@ -47,6 +49,7 @@ Result<void> each_file(const std::filesystem::path& source,
     image.name = files[i].filename().string();
     image.index = static_cast<int>(i);
     image.count = static_cast<int>(files.size());
+    if (!times_ns.empty()) image.timestamp_ns = times_ns[i];
     const Result<Frame> frame = load_image(files[i], clamps.options());
     if (auto warning = clamps.take_warning(files[i].string())) image.notice = std::move(*warning);
     if (frame) {
@@ -79,15 +82,19 @@ Result<void> for_each_image(const std::filesystem::path& source,
     if (files.empty())
       return fail("{}: holds no PNG or JPEG images; put those of the target there",
                   source.string());
-    return each_file(source, files, visit);
+    return each_file(source, files, {}, visit);
   }
   OpenRecordingOptions options;
   options.with_metadata = false;
   PENUMBRA_TRY(const auto recording, open_recording(source, options));
   if (recording.video.empty()) {
     std::vector<std::filesystem::path> files;
-    for (const RecordedFrame& frame : recording.frames) files.push_back(frame.file);
-    return each_file(source, files, visit);
+    std::vector<std::int64_t> times_ns;
+    for (const RecordedFrame& frame : recording.frames) {
+      files.push_back(frame.file);
+      times_ns.push_back(frame.timestamp_ns);
+    }
+    return each_file(source, files, times_ns, visit);
   }
   PENUMBRA_TRY(auto frames, open_recording_source(recording));
   std::vector<std::uint8_t> scratch;
@@ -99,6 +106,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
     image.index = i;
     image.count = frames->frame_count().value_or(0);
     image.frame = *frame;
+    image.timestamp_ns = frame->timestamp_ns;
     image.luma = luma(*frame, scratch);
     PENUMBRA_TRY(const bool more, visit(image));
     if (!more) return {};

@@ -111,6 +111,10 @@ void print_summary(const CameraCalibration& calibration) {
   } else {
     fmt::print("camera response (tone_curve): unknown: {}\n", calibration.tone_unknown);
   }
+  if (const auto& row_time = calibration.row_time) {
+    fmt::print("shutter: the row time is {:.2f} +- {:.2f} us, by the moving target\n",
+               row_time->seconds * 1e6, row_time->sigma_s * 1e6);
+  }
   if (const auto& table = calibration.table) {
     fmt::print(
         "objects on the table are drawn to {:.2f} px (1 sigma; corners of a 0.2 m cube seen from "
@@ -150,7 +154,7 @@ Result<void> read_images(const CalibrateOptions& options, const std::optional<Ca
     } else if (auto same = check_comparable(options, earlier, image.luma.width, image.luma.height);
                !same) {
       return tl::unexpected(same.error());
-    } else if (auto added = calibrator.add(image.name, image.luma); !added) {
+    } else if (auto added = calibrator.add(image.name, image.luma, image.timestamp_ns); !added) {
       return fail_in(source.string(), added.error());
     }
     progress->update(image.index + 1);

@@ -233,7 +233,7 @@ GuideResult ViewGuide::look(ImageView luma) {
   TargetView view = self.detector->detect(luma);
   const std::vector<TargetCorner> before = std::exchange(self.last, view.corners);
   GuideResult result;
-  for (const TargetCorner& corner : view.corners) result.corners_px.push_back(corner.pixel);
+  result.corners = view.corners;
   const auto because = [&](std::string why) {
     result.why = std::move(why);
     self.measure();

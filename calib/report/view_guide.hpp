@@ -11,6 +11,7 @@
 
 #include "calib/solver/intrinsics_solver.hpp"
 #include "calib/target/target.hpp"
+#include "calib/target/target_detector.hpp"
 #include "core/error.hpp"
 #include "core/image/image_view.hpp"
 
@@ -55,7 +56,7 @@ struct GuideResult {
   bool taken = false;
   std::string why;    // reason if it was not taken
   double gain = 0.0;  // relative reduction of the uncertainty; 0 while no lens is known
-  std::vector<Eigen::Vector2d> corners_px;  // detected corners of the target
+  std::vector<TargetCorner> corners;  // detected corners of the target
 };
 
 class ViewGuide {
