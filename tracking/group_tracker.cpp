@@ -301,6 +301,10 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   return result;
 }
 
+void GroupTracker::set_map_sigma(double sigma_m) {
+  impl_->table.set_map_sigma(sigma_m);
+}
+
 Result<void> GroupTracker::set_map(const CameraModel& camera, const TagMap& tags) {
   Impl& m = *impl_;
   const bool is_other_camera =

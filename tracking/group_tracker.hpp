@@ -41,6 +41,9 @@ class GroupTracker {
   // with another row time of the same camera. That frame is aligned from the previous pose. The
   // tags of the other groups must not change. If it fails, nothing changes.
   [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags);
+  // Weighs the table's tags in the next frames for a map that has displaced each of them by this
+  // standard deviation per axis [m]; 0, as after set_map(): the map is exact.
+  void set_map_sigma(double sigma_m);
 
  private:
   struct Impl;

@@ -53,6 +53,7 @@ struct RigidTagTracker::Impl {
   PoseHistory history = {};
   Following state = {};
   bool found_inconsistent = false;  // the tags found by the latest search are inconsistent
+  double map_sigma_m = 0.0;         // AlignmentInput::map_sigma_m
   TrackTimes times = {};
 
   [[nodiscard]] AssessedPose estimate(const Frame& frame, const TrackRequest& request);
@@ -168,6 +169,7 @@ AlignmentInput RigidTagTracker::Impl::input_from(const MapFromCamera& pose) cons
   input.predicted = pose;
   input.covariance = uninformative_covariance();
   input.rejected = state.consensus.rejected();
+  input.map_sigma_m = map_sigma_m;
   return input;
 }
 
@@ -380,6 +382,10 @@ AssessedPose RigidTagTracker::Impl::find(const Frame& frame,
   }
   if (estimate.status == TrackStatus::tracked) corners.begin_at_low_resolution();
   return judged;
+}
+
+void RigidTagTracker::set_map_sigma(double sigma_m) {
+  impl_->map_sigma_m = sigma_m;
 }
 
 RigidTagTracker::RigidTagTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -45,6 +45,9 @@ class RigidTagTracker {
   // Tracks a frame that the shared search has begun. The caller adds the total time.
   [[nodiscard]] TrackedTags track(const Frame& frame, const TrackRequest& request);
 
+  // Sets AlignmentInput::map_sigma_m for the next frames; 0 at first.
+  void set_map_sigma(double sigma_m);
+
   // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with
   // a reason. Changes no tracked state, but inconsistent tags disable hints until the next search.
   [[nodiscard]] MapPoseEstimate locate(std::span<const TagDetection> detections);

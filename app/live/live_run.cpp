@@ -206,6 +206,7 @@ class LiveLoop {
     image_faults_.observe(tracked);
     // Before the map changes: this frame's pose comes from the previous map.
     setup_.residual_watch->observe(tracked);
+    setup_.session->set_map_sigma(setup_.residual_watch->map_sigma_m());
     refine_map(tracked);
     return tracked;
   }

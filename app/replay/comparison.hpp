@@ -38,6 +38,7 @@ class Comparison {
   [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
     return panes_.front().session->set_map(camera, tags);
   }
+  void set_map_sigma(double sigma_m) { panes_.front().session->set_map_sigma(sigma_m); }
   // Draws all panes. Returns the first pane's frame, with the times and work of all panes added.
   [[nodiscard]] Result<SessionFrame> draw(const TrackedFrame& tracked);
   bool replay_edit(const SceneEdit& edit);

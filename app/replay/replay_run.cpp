@@ -301,7 +301,10 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   TrackedFrame done = setup_.view->track(*frame);
   if (image_faults_) image_faults_->observe(done);
   // Before the map changes: this frame's pose comes from the previous map.
-  if (setup_.residual_watch) setup_.residual_watch->observe(done);
+  if (setup_.residual_watch) {
+    setup_.residual_watch->observe(done);
+    setup_.view->set_map_sigma(setup_.residual_watch->map_sigma_m());
+  }
   if (refinement_) {
     if (const auto refined = refinement_->observe(done, setup_.residual_watch->latest())) {
       PENUMBRA_TRY_VOID(setup_.view->set_map(refined->camera, refined->map));

@@ -29,6 +29,13 @@ class ReplayView {
   [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
     return comparison_ ? comparison_->set_map(camera, tags) : session_->set_map(camera, tags);
   }
+  void set_map_sigma(double sigma_m) {
+    if (comparison_) {
+      comparison_->set_map_sigma(sigma_m);
+    } else {
+      session_->set_map_sigma(sigma_m);
+    }
+  }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
   // The image that draw() read back: the latest or the previous one (see ReadBackTime).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {

@@ -96,6 +96,7 @@ Result<void> ResidualWatch::restart(const CameraModel& camera, const TagMap& map
   failures_ = 0;
   latest_.reset();
   error_px_ = 0.0;
+  map_sigma_m_ = 0.0;
   latest_causes_.reset();
   const std::lock_guard lock(mutex_);
   found_.reset();
@@ -146,6 +147,9 @@ void ResidualWatch::test() {
   if (!any && frames_.size() < kDecisiveFrames) return;
   error_px_ = any ? causes.pose_px : 0.0;
   error_text_ = names_of(causes);
+  map_sigma_m_ = any && causes.of(ErrorCause::paper).significant
+                     ? std::hypot(causes.sizes.off_flat_m, causes.sizes.in_plane_m) / std::sqrt(3.0)
+                     : 0.0;
   if (any) log_causes(causes);
   const std::lock_guard lock(mutex_);
   found_ = any ? std::optional(causes) : std::nullopt;

@@ -37,6 +37,9 @@ class ResidualWatch {
   // what was found with the previous ones.
   [[nodiscard]] Result<void> restart(const CameraModel& camera, const TagMap& tags);
 
+  // Returns the standard deviation per axis of the tags' places in the map [m], for
+  // GroupTracker::set_map_sigma(); 0 unless the map was found to be wrong.
+  [[nodiscard]] double map_sigma_m() const { return map_sigma_m_; }
   // Returns the result of the latest test that found a cause; nullopt if more frames refuted it.
   // Any thread may call this.
   [[nodiscard]] std::optional<ResidualCauses> found() const;
@@ -72,6 +75,7 @@ class ResidualWatch {
   bool logged_unclear_ = false;
   std::vector<std::uint8_t> scratch_;
   double error_px_ = 0.0;     // overlay error of the causes that were found
+  double map_sigma_m_ = 0.0;  // see map_sigma_m()
   std::string error_text_;    // names them
   std::optional<ResidualCauses> latest_causes_;
   mutable std::mutex mutex_;  // guards found_: another thread tracks the frames

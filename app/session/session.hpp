@@ -88,6 +88,8 @@ class Session {
   [[nodiscard]] Result<void> set_map(const CameraModel& camera, const TagMap& tags) {
     return std::get<GroupTracker>(poses_).set_map(camera, tags);
   }
+  // See GroupTracker::set_map_sigma(); as set_map().
+  void set_map_sigma(double sigma_m) { std::get<GroupTracker>(poses_).set_map_sigma(sigma_m); }
   // Draws a frame. `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With
   // `later` and pixel buffers, `rgba` receives the image of the previous call with `later`. The
   // image of this call is received by the next such call or by take_image().

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <functional>
 #include <numeric>
+#include <optional>
 
 #include "tracking/math/spd6.hpp"
 
@@ -44,6 +45,15 @@ Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& equations) 
     paper.block<3, 1>(3, 3 + axis) = turn;
   }
   return paper * paper.transpose();
+}
+
+// Returns nullopt for a tag that does not determine a pose, for example one that the image's border
+// clips.
+std::optional<Matrix6d> inverse_of(const Matrix6d& H) {
+  constexpr double kMinCondition = 1e-13;
+  const Eigen::LDLT<Matrix6d> solver(H);
+  if (!solver.isPositive() || !(solver.rcond() > kMinCondition)) return std::nullopt;
+  return Matrix6d(solver.solve(Matrix6d::Identity()));
 }
 
 }  // namespace
@@ -84,14 +94,11 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   double squares = 0.0;
   double trace = 0.0;
   for (const TagEquations& equations : equations_) {
-    const Eigen::LDLT<Matrix6d> solver(equations.H);
-    // A tag clipped by the image's border may not determine a pose.
-    constexpr double kMinCondition = 1e-13;
-    if (!solver.isPositive() || !(solver.rcond() > kMinCondition)) continue;
-    const Matrix6d H_inverse = solver.solve(Matrix6d::Identity());
-    const Vector6d x = H_inverse * equations.g;
+    const std::optional<Matrix6d> H_inverse = inverse_of(equations.H);
+    if (!H_inverse) continue;
+    const Vector6d x = *H_inverse * equations.g;
     const AlignedTag& tag = problem.tags[static_cast<std::size_t>(equations.index)];
-    const Matrix6d weight = inverse_of_spd(variance * variance_inflation(result) * H_inverse +
+    const Matrix6d weight = inverse_of_spd(variance * variance_inflation(result) * *H_inverse +
                                            paper_covariance(tag, equations));
     if (!weight.allFinite() || !x.allFinite()) continue;
     tags_count += 1.0;
@@ -157,6 +164,26 @@ int MapAgreement::find_outlier(double squares) const {
     outlier = removed.index;
   }
   return outlier;
+}
+
+Vector6d MapAgreement::motion_for_displaced_tags(const AlignmentProblem& problem, double variance,
+                                                 double sigma_m) const {
+  if (equations_.size() < kMinComparedTags) return Vector6d::Zero();
+  Matrix6d W = Matrix6d::Zero();
+  Vector6d weighted_sum = Vector6d::Zero();
+  for (const TagEquations& equations : equations_) {
+    const auto H_inverse = inverse_of(equations.H);
+    if (!H_inverse) continue;
+    const AlignedTag& tag = problem.tags[static_cast<std::size_t>(equations.index)];
+    Matrix6d covariance = variance * *H_inverse + paper_covariance(tag, equations);
+    covariance.topLeftCorner<3, 3>() += sigma_m * sigma_m * Eigen::Matrix3d::Identity();
+    const Matrix6d weight = inverse_of_spd(covariance);
+    if (!weight.allFinite()) continue;
+    W += weight;
+    weighted_sum += weight * (*H_inverse * equations.g);
+  }
+  const Vector6d motion = W.ldlt().solve(weighted_sum);
+  return motion.allFinite() ? motion : Vector6d::Zero();
 }
 
 // Compares the image shifts and rotations that the tags prefer; the response changes the scale.

@@ -26,6 +26,13 @@ class MapAgreement {
   // map_inconsistent and inconsistent_tag. See docs/tracking.md#map.
   void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
 
+  // Returns the motion of the camera (left perturbation of T_camera_map) from the pose of the
+  // latest check to the one that fits best if the map has displaced every tag independently, with
+  // this standard deviation per axis. Zero for fewer than three tags. See
+  // docs/tracking.md#displaced-tags.
+  [[nodiscard]] Vector6d motion_for_displaced_tags(const AlignmentProblem& problem, double variance,
+                                                   double sigma_m) const;
+
   // Returns the equations of the tags in the latest check.
   [[nodiscard]] std::span<const TagEquations> equations() const { return equations_; }
 

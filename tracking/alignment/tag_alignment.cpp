@@ -15,6 +15,7 @@
 #include "tracking/alignment/pattern_search.hpp"
 #include "tracking/alignment/pose_solver.hpp"
 #include "tracking/alignment/simd/alignment_loops.hpp"
+#include "tracking/math/se3.hpp"
 #include "tracking/math/spd6.hpp"
 
 namespace penumbra {
@@ -122,6 +123,11 @@ AlignmentResult TagAligner::Impl::run(const AlignmentInput& frame, bool with_sea
   if (!good && !problem.counters.wide_stage) good = attempt(start, false);
   if (!good && with_search && !problem.active.empty()) {
     std::ignore = attempt(Start::independent_search, false);
+  }
+  if (result.verified && input.map_sigma_m > 0.0 && !problem.motion_prior) {
+    const Vector6d motion =
+        agreement.motion_for_displaced_tags(problem, solver.variance(), input.map_sigma_m);
+    problem.T_camera_map = exp_se3(motion) * problem.T_camera_map;
   }
   report_pose();
   return result;

@@ -81,6 +81,10 @@ struct AlignmentInput {
   std::span<const int> rejected;  // tags to ignore, as indices into the list of create()
   // AlignmentCounters::contrast of the previous frame; a similar peak ends a search. 0: unknown.
   double previous_contrast = 0.0;
+  // If above 0, the pose is the one that fits best if the map has displaced every tag
+  // independently, with this standard deviation per axis [m]. For known velocities only. See
+  // docs/tracking.md#displaced-tags.
+  double map_sigma_m = 0.0;
 };
 
 // Tags are inconsistent with the map if AlignmentResult::disagreement is at least this.
