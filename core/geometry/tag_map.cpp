@@ -163,7 +163,7 @@ Result<TagMap> TagMap::make(std::vector<MappedTag> tags) {
                   place);
     }
     const Eigen::Vector3d curvature(tag.curvature.xx, tag.curvature.xy, tag.curvature.yy);
-    if (!(curvature.cwiseAbs().maxCoeff() * tag.size_m <= 1.0)) {
+    if (!(curvature.array().abs() * tag.size_m <= 1.0).all()) {
       return fail(
           "{}: surface: has a curvature above {:.4g} 1/m (1 / size_m); measure it again with "
           "penumbra map, or remove it",

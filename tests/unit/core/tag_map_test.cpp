@@ -117,6 +117,16 @@ TEST(TagMap, CurvedTagHasCornersOnItsSurface) {
   EXPECT_NEAR(tag.curvature.height(0.0, 0.0, 0.1), -0.5 * (0.8 - 0.2) * 0.05 * 0.05, 1e-15);
 }
 
+TEST(TagMap, RefusesCurvatureThatIsNotANumber) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 3; ++i) {
+    MappedTag tag;
+    tag.size_m = 0.1;
+    (i == 0 ? tag.curvature.xx : i == 1 ? tag.curvature.xy : tag.curvature.yy) = nan;
+    EXPECT_FALSE(TagMap::make({tag})) << i;
+  }
+}
+
 TEST(TagMap, RejectsInvalidTags) {
   MappedTag tag;
   tag.size_m = 0.1;
