@@ -276,11 +276,13 @@ Calibrator::Calibrator(const Target& target, const Options& options)
       })) {}
 
 void Calibrator::add(const std::string& name, const ImageView& image) {
+  if (!impl_) throw_failure("calibrator: was moved from; make another one");
   const Frame frame = checked_frame(image, name);
   guarded([&] { throw_if_failed(impl_->calibrator.add(name, luma(frame, impl_->scratch))); });
 }
 
 Calibration Calibrator::solve() {
+  if (!impl_) throw_failure("calibrator: was moved from; make another one");
   return guarded([&] {
     CameraCalibrator fresh =
         value_or_throw(CameraCalibrator::create(impl_->target, impl_->options));

@@ -86,6 +86,21 @@ void check_groups(const penumbra::TagMap& tags, const Options& options) {
   }
 }
 
+// Throws unless both maps have the same tags in the same groups.
+void check_same_tags(const penumbra::TagMap& before, const penumbra::TagMap& now) {
+  for (const MappedTag& tag : now.tags()) {
+    const MappedTag* same = before.find(tag.family, tag.id);
+    if (same == nullptr || same->group != tag.group) {
+      throw_failure("set_tag_map: tag {} of group '{}' is not in the tracker's map", tag.id,
+                    tag.group);
+    }
+  }
+  if (now.tags().size() != before.tags().size()) {
+    throw_failure("set_tag_map: the map has {} tags, the tracker's {}; give all of them",
+                  now.tags().size(), before.tags().size());
+  }
+}
+
 State to_public(TrackStatus status) {
   switch (status) {
     case TrackStatus::tracked:
@@ -163,6 +178,7 @@ std::vector<Tag> TagMap::tags() const {
 struct Tracker::Impl {
   GroupTracker tracker;
   penumbra::CameraModel camera;
+  penumbra::TagMap map;
   std::uint64_t frames = 0;
   std::int64_t last_ns = 0;  // meaningful once a frame was tracked
 };
@@ -179,11 +195,12 @@ Tracker::Tracker(const CameraModel& camera, const TagMap& tags, const Options& o
         return std::make_unique<Impl>(
             Impl{value_or_throw(
                      GroupTracker::create(model, map, checked_options(options), options.groups)),
-                 model});
+                 model, map});
       })) {}
 
 TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
                             std::optional<double> exposure_s) {
+  if (!impl_) throw_failure("tracker: was moved from; make another one");
   Impl& m = *impl_;
   Frame frame = checked_frame(image, "image");
   if (frame.width != m.camera.width() || frame.height != m.camera.height()) {
@@ -225,7 +242,12 @@ TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
 }
 
 void Tracker::set_tag_map(const TagMap& tags) {
-  guarded([&] { throw_if_failed(impl_->tracker.set_map(impl_->camera, Access::map_of(tags))); });
+  if (!impl_) throw_failure("tracker: was moved from; make another one");
+  guarded([&] {
+    const penumbra::TagMap& map = Access::map_of(tags);
+    check_same_tags(impl_->map, map);
+    throw_if_failed(impl_->tracker.set_map(impl_->camera, map));
+  });
 }
 
 std::string to_string(State state) {

@@ -100,6 +100,10 @@ Frame checked_frame(const types::ImageView& image, std::string_view place) {
     throw_failure("{}: stride: is {} bytes; a row of {} pixels in this format has {}", place,
                   image.stride, width, bytes);
   }
+  constexpr std::ptrdiff_t kMaxStride = std::ptrdiff_t{1} << 24U;  // 512 MiB of the largest side
+  if (image.stride > kMaxStride) {
+    throw_failure("{}: stride: is {} bytes; give at most {}", place, image.stride, kMaxStride);
+  }
   Frame frame;
   frame.width = width;
   frame.height = height;

@@ -96,7 +96,8 @@ class PENUMBRA_API Calibration {
 };
 
 // Calibrates from images, as `penumbra calibrate` does with a folder of images: it estimates no row
-// time. Use an object from one thread at a time.
+// time. Use an object from one thread at a time. A moved-from object can only be assigned to or
+// destroyed; its functions throw.
 class PENUMBRA_API Calibrator {
  public:
   explicit Calibrator(const Target& target, const Options& options = {});

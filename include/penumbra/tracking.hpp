@@ -142,7 +142,7 @@ struct TrackedFrame {
 // Tracks the tags through the frames of one camera. The same frames give the same poses, bit for
 // bit, as `penumbra replay` (except with Search::when_done, and after `replay` has reported a
 // systematic error of the tag map). Use an object from one thread at a time; different objects are
-// independent.
+// independent. A moved-from object can only be assigned to or destroyed; its functions throw.
 class PENUMBRA_API Tracker {
  public:
   // Throws if no tag belongs to the group "table", or for an option out of range.
@@ -158,8 +158,8 @@ class PENUMBRA_API Tracker {
   [[nodiscard]] TrackedFrame track(const ImageView& image, std::int64_t timestamp_ns,
                                    std::optional<double> exposure_s = std::nullopt);
 
-  // Replaces the map of the table's tags from the next frame on, such as a refined one. The groups
-  // keep their tags.
+  // Replaces the places of the table's tags from the next frame on, for example by a refined map.
+  // The groups keep theirs. Throws unless the map has the same tags in the same groups.
   void set_tag_map(const TagMap& tags);
 
  private:

@@ -333,5 +333,52 @@ RC_GTEST_PROP(LibraryTracker, AcceptsOrRejectsAnyView, ()) {
   }
 }
 
+// The refined map of the same tags is tracked; maps of other tags or groups are refused.
+TEST(LibraryTracker, TakesOnlyMapsOfTheSameTags) {
+  tracking::Tracker tracker(camera_of("tabletop"), tags_of("tabletop"));
+  std::vector<tracking::Tag> tags = tags_of("tabletop").tags();
+  const auto images = recorded_images("tabletop", 2);
+  ASSERT_EQ(tracker.track(images[0].image.view(), images[0].timestamp_ns).table.state,
+            tracking::State::tracked);
+  const auto set = [&](const std::vector<tracking::Tag>& with) {
+    tracker.set_tag_map(tracking::TagMap(with));
+  };
+  auto fewer = tags;
+  fewer.pop_back();
+  EXPECT_THROW(set(fewer), Exception);
+  auto elsewhere = tags;
+  for (tracking::Tag& tag : elsewhere) tag.group = "prop";
+  EXPECT_THROW(set(elsewhere), Exception);
+  auto others = tags;
+  others.back().id = 500;
+  EXPECT_THROW(set(others), Exception);
+  for (tracking::Tag& tag : tags) tag.T_table_tag.position[0] += 0.1;  // another origin
+  set(tags);
+  const auto moved = tracker.track(images[1].image.view(), images[1].timestamp_ns);
+  ASSERT_EQ(moved.table.state, tracking::State::tracked);
+  tracking::Tracker fresh(camera_of("tabletop"), tags_of("tabletop"));
+  const auto before = fresh.track(images[1].image.view(), images[1].timestamp_ns);
+  EXPECT_NEAR(moved.table.T_table_camera.position[0] - before.table.T_table_camera.position[0], 0.1,
+              2e-3);
+}
+
+TEST(LibraryTracker, ThrowsAfterItWasMovedFrom) {
+  tracking::Tracker tracker(camera_of("tabletop"), tags_of("tabletop"));
+  tracking::Tracker other(std::move(tracker));
+  const auto image = recorded_images("tabletop", 1).front().image;
+  EXPECT_THROW((void)tracker.track(image.view(), 0), Exception);  // NOLINT(bugprone-use-after-move)
+  EXPECT_THROW(tracker.set_tag_map(tags_of("tabletop")), Exception);
+  EXPECT_EQ(other.track(image.view(), 0).table.state, tracking::State::tracked);
+}
+
+TEST(LibraryTracker, RefusesStridesFarBeyondTheImage) {
+  const Luma luma = first_luma();
+  for (const std::ptrdiff_t stride :
+       {std::ptrdiff_t{1} << 30U, std::numeric_limits<std::ptrdiff_t>::max()}) {
+    EXPECT_THROW((void)track_once({luma.pixels.data(), luma.width, luma.height, stride}),
+                 Exception);
+  }
+}
+
 }  // namespace
 }  // namespace penumbra::test
