@@ -613,10 +613,11 @@ std::string map_refinement_line(const MapRefinementReport& refinement, const std
                         refinement.keyframes);
   }
   if (file.empty()) return line + "; not written (--refine-map FILE writes it)\n";
-  return line + fmt::format(
-                    "; {}: {}\n",
-                    refinement.refinements > 0 || refinement.lens_gain ? "written to" : "given map",
-                    file);
+  return line + fmt::format("; {}: {}\n",
+                            refinement.refinements > 0 || refinement.lens_gain
+                                ? "written to"
+                                : "the given map is written to",
+                            file);
 }
 
 // Describes what became of row time and lens with --refine-map.
@@ -635,7 +636,8 @@ std::string camera_refinement_lines(const MapRefinementReport& refinement,
         "the next run can use it: {}\n",
         *refinement.lens_gain * 100.0, file);
   } else if (!refinement.lens_kept.empty()) {
-    text += fmt::format("camera: the given lens, because {}: {}\n", refinement.lens_kept, file);
+    text += fmt::format("camera: the given lens, because {}; written to: {}\n",
+                        refinement.lens_kept, file);
   }
   return text;
 }
