@@ -391,7 +391,7 @@ Result<void> check_focal_length(const CalibrationSolution& solution) {
 Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solution,
                                               const std::vector<CalibrationView>& views) const {
   PENUMBRA_TRY_VOID(check_tilt(solution));
-  if (solution.noise_px > 3.0 || solution.outliers * 2 > solution.corners) {
+  if (solution.contradicts_corners()) {
     if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
     return fail(
         "no camera explains the corners: they are off by {:.1f} px, {} of {} outliers; does the "

@@ -106,7 +106,7 @@ std::vector<Eigen::Vector3d> checked_points(const std::vector<Vector3>& points) 
 // Fails if no camera explains the corners, or if the views do not determine it.
 Result<void> check_solution(const CalibrationSolution& solution) {
   if (auto tilted = check_tilt(solution); !tilted) return tilted;
-  if (solution.noise_px > 3.0 || solution.outliers * 2 > solution.corners) {
+  if (solution.contradicts_corners()) {
     return fail(
         "no camera explains the corners: they are off by {:.1f} px, {} of {} outliers; are the "
         "points right, and is it one camera with one focus?",

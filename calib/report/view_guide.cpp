@@ -33,7 +33,6 @@ constexpr double kMaxMotion = 0.012;       // the target rests up to here, in co
 constexpr double kMaxBlur_px = 1.6;        // maximum blur [px]
 constexpr std::size_t kFirstViews = 4;
 constexpr std::size_t kViewsPerChoice = 4;  // views between two lens choices
-constexpr double kMaxNoise_px = 0.5;        // noise above which another lens is tried [px]
 
 }  // namespace
 
@@ -43,23 +42,20 @@ std::optional<Eigen::MatrixXd> view_information(const CameraModel& camera,
   std::vector<PointObservation> points;
   for (const TargetCorner& corner : corners)
     points.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
-  std::optional<RefinedPose> best;
-  for (const MapFromCamera& start : solve_pose(camera, points)) {
-    const auto refined = refine_pose(camera, points, start);
-    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
-  }
-  if (!best) return std::nullopt;
+  const auto found = find_pose(camera, points);
+  if (!found) return std::nullopt;
   const int n = 4 + coefficient_count(camera.parameters().model);
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, 7);
   Eigen::Matrix<double, 7, 7> C = Eigen::Matrix<double, 7, 7>::Zero();
-  const auto T_camera_board = best->T_map_camera.inverse();
+  const auto T_camera_board = found->T_map_camera.inverse();
   bool shifts = false;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3d p = T_camera_board * points[i].p_map;
     const Eigen::MatrixXd J_lens = lens_jacobian(camera, p.head<2>() / p.z());
     Eigen::Matrix<double, 2, 7> J_view;
-    J_view << reprojection_jacobian(camera, best->T_map_camera, points[i].p_map), corners[i].spread;
+    J_view << reprojection_jacobian(camera, found->T_map_camera, points[i].p_map),
+        corners[i].spread;
     shifts = shifts || !corners[i].spread.isZero();
     A += J_lens.transpose() * J_lens;
     B += J_lens.transpose() * J_view;
@@ -132,8 +128,7 @@ struct ViewGuide::Impl {
     };
     Result<CalibrationSolution> solved = solve_as(lens.model, lens.without_k3);
     // The lens choice can't find a wide lens if it starts from plumb_bob.
-    const bool explains =
-        solved && solved->noise_px <= kMaxNoise_px && solved->outliers * 20 <= solved->corners;
+    const bool explains = solved && solved->explains_corners();
     if (!options.model && !explains && lens.model == DistortionModel::plumb_bob) {
       Result<CalibrationSolution> wide = solve_as(DistortionModel::fisheye, false);
       if (wide && (!solved || wide->noise_px < solved->noise_px)) {

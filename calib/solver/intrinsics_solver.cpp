@@ -104,7 +104,6 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
 }
 
 constexpr int kMaxIterations = 100;
-constexpr double kBadFit_px = 0.5;  // noise above which a solution can't start another model
 constexpr double kMaxRobustScale_px = 20.0;  // maximum scale of the first robust loss
 
 std::vector<std::size_t> radial_coefficients(DistortionModel model) {
@@ -280,8 +279,8 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
   Bundle bundle(parameters.width, parameters.height, board, views, options);
   if (parameters.model != options.model) {
     if (!is_polynomial(parameters.model) || !is_polynomial(options.model)) {
-      const bool explains = start.noise_px <= kBadFit_px && start.outliers * 20 <= start.corners;
-      const auto alike = explains ? as_model(start.camera, options.model) : std::nullopt;
+      const auto alike =
+          start.explains_corners() ? as_model(start.camera, options.model) : std::nullopt;
       if (!alike)
         return solve_intrinsics(parameters.width, parameters.height, board, views, options);
       parameters = *alike;

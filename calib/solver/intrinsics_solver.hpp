@@ -75,6 +75,15 @@ struct CalibrationSolution {
   double covariance_inflation = 1.0;  // factor for correlated residuals of a view
   int corners = 0;
   int outliers = 0;
+
+  // Returns false if another lens model may fit better.
+  [[nodiscard]] bool explains_corners() const {
+    return noise_px <= 0.5 && outliers * 20 <= corners;
+  }
+  // Returns true if the corners are not those of the target, or not of one camera.
+  [[nodiscard]] bool contradicts_corners() const {
+    return noise_px > 3.0 || outliers * 2 > corners;
+  }
 };
 
 // Solves without an initial lens; supports wide lenses. `width`, `height`: image size [px]. The

@@ -272,7 +272,7 @@ Result<CalibrationSolution> first_solution(int width, int height,
   }
   solver.model = DistortionModel::fisheye;
   // A polynomial in tan(angle) fits a wide lens badly or not at all.
-  if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
+  if (!best || !best->explains_corners()) {
     Result<CalibrationSolution> wide = solve_intrinsics(width, height, board, views, solver);
     if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
   }

@@ -48,12 +48,8 @@ std::optional<MapFromCamera> pose_of(const TagSurvey& survey, const SurveyFrame&
   }
   constexpr std::size_t kMinPoints = 8;  // fewer have two likely poses
   if (points.size() < kMinPoints) return std::nullopt;
-  std::optional<RefinedPose> best;
-  for (const MapFromCamera& start : solve_pose(survey.camera, points)) {
-    const auto refined = refine_pose(survey.camera, points, start);
-    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
-  }
-  return best ? std::optional(best->T_map_camera) : std::nullopt;
+  const auto found = find_pose(survey.camera, points);
+  return found ? std::optional(found->T_map_camera) : std::nullopt;
 }
 
 std::vector<TagCorners> corners_of(const TagSurvey& survey, const SurveyFrame& frame) {

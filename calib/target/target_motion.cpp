@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tracking/detection/pose_solver.hpp"
+#include "tracking/detection/pose_refiner.hpp"
 #include "tracking/evaluation/pose_velocity.hpp"
 #include "tracking/evaluation/residual_causes.hpp"
 
@@ -75,12 +75,8 @@ std::optional<MapFromCamera> TargetMotion::pose_of(const CameraModel& camera,
   std::vector<PointObservation> points;
   for (const TargetCorner& corner : image.corners)
     points.push_back({points_[static_cast<std::size_t>(corner.point)], corner.pixel});
-  std::optional<RefinedPose> best;
-  for (const MapFromCamera& start : solve_pose(camera, points)) {
-    const auto refined = refine_pose(camera, points, start);
-    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
-  }
-  return best ? std::optional(best->T_map_camera) : std::nullopt;
+  const auto found = find_pose(camera, points);
+  return found ? std::optional(found->T_map_camera) : std::nullopt;
 }
 
 std::vector<TagCorners> TargetMotion::corners_of(const Image& image) const {

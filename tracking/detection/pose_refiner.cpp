@@ -290,4 +290,14 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   return result;
 }
 
+std::optional<RefinedPose> find_pose(const CameraModel& camera,
+                                     std::span<const PointObservation> observations) {
+  std::optional<RefinedPose> best;
+  for (const MapFromCamera& start : solve_pose(camera, observations)) {
+    const auto refined = refine_pose(camera, observations, start);
+    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
+  }
+  return best;
+}
+
 }  // namespace penumbra

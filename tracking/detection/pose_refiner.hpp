@@ -71,5 +71,8 @@ struct RefinedPose {
                                                      std::span<const PointObservation> observations,
                                                      const MapFromCamera& start,
                                                      const RefinerOptions& options = {});
+// Refines each solution of solve_pose(). Returns the one that fits best, or nullopt if none does.
+[[nodiscard]] std::optional<RefinedPose> find_pose(const CameraModel& camera,
+                                                   std::span<const PointObservation> observations);
 
 }  // namespace penumbra
