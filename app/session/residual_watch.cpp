@@ -169,7 +169,9 @@ void ResidualWatch::log_causes(const ResidualCauses& causes) {
   if (significant || std::exchange(logged_unclear_, true)) return;
   log_warning(
       "the tag corners have a systematic residual of {:.2f} px, which displaces the overlay by "
-      "about {:.1f} px; the {} seems wrong: penumbra map --refine-camera",
+      "about {:.1f} px; the {} seems wrong: --refine-map with --refine-camera of replay or live, "
+      "or "
+      "penumbra map --refine-camera",
       causes.rms_px, causes.pose_px, error_text_);
 }
 

@@ -31,7 +31,9 @@ std::string advice(ErrorCause cause, const CauseSizes& sizes, double given_row_s
     }
     case ErrorCause::lens:
       return lens_difference(sizes) +
-             " the camera file: penumbra calibrate, or penumbra map --refine-camera";
+             " the camera file: penumbra calibrate, or --refine-map with --refine-camera of replay "
+             "or "
+             "live, or penumbra map --refine-camera";
     case ErrorCause::shutter: {
       const double row_s = given_row_s + sizes.row_time_s;
       if (!(row_s > 0.0)) {
@@ -39,8 +41,8 @@ std::string advice(ErrorCause cause, const CauseSizes& sizes, double given_row_s
                "camera upright";
       }
       return fmt::format(
-          "the row time seems to be {:.1f} us: penumbra map --refine-camera, or set "
-          "rolling_shutter_row_s: {:.3g} in the camera file",
+          "the row time seems to be {:.1f} us: --refine-map of replay or live, or penumbra map "
+          "--refine-camera, or set rolling_shutter_row_s: {:.3g} in the camera file",
           1e6 * row_s, row_s);
     }
   }

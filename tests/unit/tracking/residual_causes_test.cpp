@@ -250,6 +250,11 @@ TEST(ResidualAdvice, NamesSizeAndRemedy) {
   EXPECT_THAT(advice(ErrorCause::lens, sizes, 0.0), HasSubstr("0.6 % smaller"));
   sizes.focal_sigma = 0.01;
   EXPECT_THAT(advice(ErrorCause::lens, sizes, 0.0), HasSubstr("the distortion or"));
+  for (const ErrorCause cause : {ErrorCause::paper, ErrorCause::lens, ErrorCause::shutter}) {
+    EXPECT_THAT(advice(cause, sizes, 30e-6),
+                AllOf(HasSubstr("--refine-map"), HasSubstr("of replay or live"),
+                      HasSubstr("penumbra map")));
+  }
   sizes.row_time_s = 10e-6;
   EXPECT_THAT(advice(ErrorCause::shutter, sizes, 30e-6),
               AllOf(HasSubstr("seems to be 40.0 us"), HasSubstr("rolling_shutter_row_s: 4e-05")));
