@@ -142,5 +142,27 @@ TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {
             bytes_of(std::filesystem::path(recording) / "tags.yaml"));
 }
 
+TEST_F(RefineMap, WritesCameraAtTheEndOfLive) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::string recording = (shared_dir() / "recordings" / "rolling").string();
+  const ProgramResult result =
+      penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
+                empty_scene_in(folder_.path()), "--duration", "8", "--refine-map", file("map.yaml"),
+                "--refine-camera", file("camera.yaml"), "--report", file("live.json")});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const nlohmann::json report = read_json(file("live.json"));
+  EXPECT_EQ(report["map_refinement"]["camera_file"], file("camera.yaml"));
+  const auto given = load_camera(std::filesystem::path(recording) / "camera.yaml");
+  const auto written = load_camera(file("camera.yaml"));
+  ASSERT_TRUE(given && written);
+  EXPECT_FALSE(given->parameters().rolling_shutter_row_s);
+  ASSERT_TRUE(written->parameters().rolling_shutter_row_s) << result.out;
+  EXPECT_NEAR(*written->parameters().rolling_shutter_row_s, 40e-6, 4e-6);
+  EXPECT_NEAR(report["map_refinement"]["row_time_us"]["value"],
+              1e6 * *written->parameters().rolling_shutter_row_s, 0.01);
+  EXPECT_EQ(written->width(), given->width());
+  EXPECT_TRUE(load_tag_map(file("map.yaml")));
+}
+
 }  // namespace
 }  // namespace penumbra::test
