@@ -1,5 +1,6 @@
 // Camera poses over time. Reads and writes TUM files: `timestamp tx ty tz qx qy qz qw`,
-// T_table_camera, in seconds and metres; '#' starts a comment. Also reads EuRoC's ground truth.
+// T_table_camera, in seconds and metres; '#' starts a comment. Also reads EuRoC's ground truth and
+// frame logs.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,7 @@ struct StampedPose {
   std::int64_t timestamp_ns = 0;
   CameraPose T_table_camera;
   std::string comment;  // written after the pose as "# comment"; read back when there is one
-  std::optional<double> predicted_px = {};  // predicted overlay error; not written to files
+  std::optional<double> predicted_px = {};  // predicted overlay error; not written to TUM files
 };
 
 // Poses in order of time; timestamps increase.
@@ -37,7 +38,8 @@ struct Trajectory {
 [[nodiscard]] CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp_ns);
 
 // Reads a TUM file, or a CSV file in the format of EuRoC's ground truth: time in whole nanoseconds,
-// position, quaternion (w x y z, unless the header says otherwise); further columns are ignored.
+// position, quaternion (w x y z, unless the header says otherwise); further columns are ignored. Of
+// a frame log (CSV), reads the tracked poses of the camera, with predicted_px.
 // Fails, with file and line, on a wrong count of numbers, a non-finite number, a quaternion that is
 // not of unit length, timestamps that do not increase, and times that can't be in seconds.
 [[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);

@@ -1,4 +1,4 @@
-// Reads TUM files and EuRoC's ground truth; writes TUM files.
+// Reads TUM files, EuRoC's ground truth and frame logs; writes TUM files.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/trajectory.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -141,10 +143,92 @@ Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
   return StampedPose{*time, pose, {}};
 }
 
-// Reads a file of either format line by line. The caller adds file and line to errors.
+// Splits a line of CSV, whose fields may be in quotes (RFC 4180, without line breaks).
+std::vector<std::string> split_csv(std::string_view line) {
+  std::vector<std::string> fields(1);
+  bool quoted = false;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const char c = line[i];
+    if (c == '"' && quoted && line.substr(i + 1).starts_with('"')) {
+      fields.back() += line[++i];
+    } else if (c == '"') {
+      quoted = !quoted;
+    } else if (c == ',' && !quoted) {
+      fields.emplace_back();
+    } else {
+      fields.back() += c;
+    }
+  }
+  return fields;
+}
+
+// Reads the tracked poses of the camera from the rows of a frame log (docs/files.md#frame-logs).
+class FrameLogRows {
+ public:
+  [[nodiscard]] static bool is_header(std::string_view line) {
+    const std::vector<std::string> names = split_csv(line);
+    return std::ranges::find(names, kTime) != names.end() &&
+           std::ranges::find(names, kState) != names.end();
+  }
+
+  // Fails if a column is missing.
+  static Result<FrameLogRows> make(std::string_view header) {
+    FrameLogRows rows;
+    const std::vector<std::string> names = split_csv(header);
+    rows.count_ = names.size();
+    const auto column_of = [&](std::string_view name) -> Result<std::size_t> {
+      const auto found = std::ranges::find(names, name);
+      if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+      return fail("has no column {}, which a frame log of --frame-log has", name);
+    };
+    PENUMBRA_TRY(rows.columns_[0], column_of(kTime));
+    for (std::size_t i = 1; i < kColumns.size(); ++i) {
+      PENUMBRA_TRY(rows.columns_[i], column_of(kColumns[i]));
+    }
+    PENUMBRA_TRY(rows.group_, column_of("group"));
+    PENUMBRA_TRY(rows.state_, column_of(kState));
+    PENUMBRA_TRY(rows.predicted_, column_of("predicted_px"));
+    return rows;
+  }
+
+  // Returns nullopt for other groups and states.
+  [[nodiscard]] Result<std::optional<StampedPose>> read(std::string_view line) const {
+    const std::vector<std::string> row = split_csv(line);
+    if (row.size() != count_)
+      return fail("has {} values between commas; the first line names {}", row.size(), count_);
+    if (row[group_] != kTableGroup || row[state_] != to_string(TrackStatus::tracked))
+      return std::optional<StampedPose>();
+    PoseFields fields;
+    for (std::size_t i = 0; i < fields.size(); ++i) fields[i] = row[columns_[i]];
+    const std::optional<std::int64_t> time = parse_seconds_as_ns(fields[0]);
+    if (!time) return fail_with_time(fields[0]);
+    PENUMBRA_TRY(const CameraPose pose, parse_placement(fields));
+    StampedPose stamped{*time, pose, {}};
+    if (const std::string& text = row[predicted_]; !text.empty()) {
+      stamped.predicted_px = parse_number(text);
+      if (!(stamped.predicted_px >= 0.0) || !std::isfinite(*stamped.predicted_px))
+        return fail("predicted_px: '{}' is not a number of pixels", text);
+    }
+    return std::optional(stamped);
+  }
+
+ private:
+  static constexpr std::string_view kTime = "timestamp_s";
+  static constexpr std::string_view kState = "state";
+  std::size_t count_ = 0;
+  std::array<std::size_t, kColumns.size()> columns_{};  // of time and pose
+  std::size_t group_ = 0, state_ = 0, predicted_ = 0;
+};
+
+// Reads a file of any format line by line. The caller adds file and line to errors.
 class TrajectoryReader {
  public:
   Result<void> read(std::string_view line) {
+    if (frame_log_) {
+      if (trim(line).empty()) return {};
+      PENUMBRA_TRY(auto pose, frame_log_->read(trim(line)));
+      return pose ? add(std::move(*pose)) : Result<void>();
+    }
     std::string comment;
     if (const std::size_t hash = line.find('#'); hash != std::string_view::npos) {
       comment = trim(line.substr(hash + 1));
@@ -158,6 +242,10 @@ class TrajectoryReader {
     }
     const bool commas = line.find(',') != std::string_view::npos;
     if (poses.empty()) {
+      if (FrameLogRows::is_header(line)) {
+        PENUMBRA_TRY(frame_log_, FrameLogRows::make(line));
+        return {};
+      }
       // The header may lack the '#'.
       if (commas && line.find("time") != std::string_view::npos) {
         read_header(line);
@@ -168,6 +256,13 @@ class TrajectoryReader {
     PENUMBRA_TRY(StampedPose pose,
                  trajectory_.of_body ? parse_euroc_pose(line, w_last_) : parse_tum_pose(line));
     pose.comment = std::move(comment);
+    return add(std::move(pose));
+  }
+  [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
+
+ private:
+  Result<void> add(StampedPose pose) {
+    std::vector<StampedPose>& poses = trajectory_.poses;
     if (!poses.empty() && pose.timestamp_ns < poses.back().timestamp_ns) {
       return fail("timestamp: {} s is before that of the pose above; sort the poses by time",
                   format_ns_as_seconds(pose.timestamp_ns));
@@ -181,9 +276,7 @@ class TrajectoryReader {
     poses.push_back(std::move(pose));
     return {};
   }
-  [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
 
- private:
   void read_header(std::string_view text) {
     if (text.find(',') == std::string_view::npos) return;
     w_last_ = header_has_w_last(split_at_commas(text));
@@ -191,6 +284,7 @@ class TrajectoryReader {
 
   Trajectory trajectory_;
   bool w_last_ = false;
+  std::optional<FrameLogRows> frame_log_;
 };
 
 }  // namespace

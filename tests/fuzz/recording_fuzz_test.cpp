@@ -194,10 +194,16 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   for (int i = 0; i < 12; ++i)
     euroc +=
         std::to_string(1403636580838555648 + i * 5'000'000LL) + ",4.5,-1.8,0.7,0.6,0.8,0,0,1\n";
-  const std::array<std::string, 2> formats = {test::truth(12), euroc};
+  std::string log = "frame,timestamp_s,group,state,reason,tx,ty,tz,qx,qy,qz,qw,predicted_px\n";
+  for (int i = 0; i < 6; ++i) {
+    log += std::to_string(i) + "," + std::to_string(0.04 * i) +
+           ",table,tracked,,0.1,-0.3,0.4,0.6,0.8,0,0,0.25\n" + std::to_string(i) +
+           ",0.5,\"wall, \"\"left\"\"\",lost,\"none, found\",,,,,,,,\n";
+  }
+  const std::array<std::string, 3> formats = {test::truth(12), euroc, log};
   Random random(14);
   RecordingTally tally;
-  for (int i = 0; i < inputs(6000); ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(9000); ++i, ++tally.inputs) {
     const std::string& valid = formats[static_cast<std::size_t>(i) % formats.size()];
     write_text(file, mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);

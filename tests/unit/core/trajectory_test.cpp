@@ -108,6 +108,34 @@ TEST_F(TrajectoryFile, RejectsAndReportsOtherCsvFiles) {
   refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
 }
 
+TEST_F(TrajectoryFile, ReadsTrackedPosesOfFrameLog) {
+  const std::string header =
+      "frame,timestamp_s,group,state,reason,tx,ty,tz,qx,qy,qz,qw,predicted_px\n";
+  const auto read = load(header +
+                         "0,1.5,table,tracked,,1,2,3,0,0,0,1,0.25\r\n"
+                         "0,1.5,\"#1, \"\"a\"\"\",tracked,,9,9,9,0,0,0,1,0.5\n"
+                         "1,1.6,table,uncertain,\"two poses, both fit\",1,2,4,0,0,0,1,7\n"
+                         "2,1.7,table,lost,,,,,,,,,\n\n"
+                         "3,1.8,table,tracked,\"# a, b\",1,2,5,0,0,0.6,0.8,");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_FALSE(read->of_body);
+  ASSERT_EQ(read->poses.size(), 2U);
+  EXPECT_EQ(read->poses[0].timestamp_ns, 1'500'000'000);
+  EXPECT_EQ(read->poses[0].predicted_px, 0.25);
+  EXPECT_EQ(read->poses[1].timestamp_ns, 1'800'000'000);
+  EXPECT_EQ(read->poses[1].T_table_camera.translation(), Eigen::Vector3d(1, 2, 5));
+  EXPECT_EQ(read->poses[1].predicted_px, std::nullopt);
+
+  refuses("timestamp_s,group,state,tx,ty,tz,qx,qy,qz,predicted_px\n", "line 1: has no column qw");
+  refuses(header + "0,1.5,table,tracked,,1,2,3,0,0,0,1\n", "line 2: has 12 values between commas");
+  refuses(header + "0,1.5,table,tracked,,1,2,,0,0,0,1,0\n", "line 2: tz");
+  refuses(header + "0,x,table,tracked,,1,2,3,0,0,0,1,0\n", "line 2: timestamp: 'x'");
+  refuses(header + "0,1,table,tracked,,1,2,3,0,0,0,1,-1\n", "line 2: predicted_px: '-1'");
+  refuses(header + "0,1,table,tracked,,1,2,3,0,0,0,1,inf\n", "line 2: predicted_px: 'inf'");
+  refuses(header + "0,2,table,tracked,,1,2,3,0,0,0,1,0\n1,2,table,tracked,,1,2,3,0,0,0,1,0\n",
+          "line 3: timestamp: 2.000000000 s is that of the pose above");
+}
+
 TEST(TrajectoryCases, ReadTumAndEurocAndRejectUtf16AndMilliseconds) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
