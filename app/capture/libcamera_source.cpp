@@ -32,6 +32,7 @@
 
 #include "app/capture/camera_jpeg.hpp"
 #include "app/capture/camera_trouble.hpp"
+#include "app/capture/clocks.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
@@ -721,12 +722,11 @@ class LibcameraSource final : public LiveSource {
     lc::FrameBuffer* buffer = stream_->buffer_of(*request);
     if (buffer == nullptr) return std::nullopt;
     const lc::FrameMetadata& metadata = buffer->metadata();
-    const std::int64_t now =
-        std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
-    const FrameStamp stamp =
-        clock_.next(metadata.sequence, static_cast<std::int64_t>(metadata.timestamp), true, now);
+    const FrameStamp stamp = clock_.next(
+        metadata.sequence, static_cast<std::int64_t>(metadata.timestamp), true, monotonic_ns());
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
+    image.utc_ns = utc_at(stamp.timestamp_ns);
     if (const auto us = request->metadata().get(lc::controls::ExposureTime); us && *us > 0) {
       image.exposure_s = 1e-6 * *us;
     }

@@ -84,6 +84,7 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
   }
   frame.sequence = image.sequence;
   frame.timestamp_ns = image.timestamp_ns;
+  frame.utc_ns = image.utc_ns;
   frame.exposure_s = image.exposure_s;
   return frame;
 }

@@ -18,9 +18,10 @@
 namespace penumbra {
 
 struct CapturedImage {
-  std::uint64_t sequence = 0;        // counts from 0; lost frames leave gaps
-  std::int64_t timestamp_ns = 0;     // from the FrameStamp, on the monotonic clock
-  std::optional<double> exposure_s;  // see Frame::exposure_s
+  std::uint64_t sequence = 0;          // counts from 0; lost frames leave gaps
+  std::int64_t timestamp_ns = 0;       // from the FrameStamp, on the monotonic clock
+  std::optional<std::int64_t> utc_ns;  // see Frame::utc_ns
+  std::optional<double> exposure_s;    // see Frame::exposure_s
   // The image is either a JPEG, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
   Frame frame;                        // also set for a JPEG that is already decoded

@@ -8,6 +8,7 @@
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
 #include "app/output/output_file.hpp"
+#include "app/output/row_log.hpp"
 #include "app/report/versions.hpp"
 #include "app/resources.hpp"
 #include "core/propagate.hpp"
@@ -151,6 +152,16 @@ CLI::Option* add_text_option(CLI::App& command, const std::string& name, const s
                              const std::function<void(const std::string&)>& set_value,
                              const std::string& description) {
   return command.add_option_function<std::string>(name, set_value, description)->type_name(type);
+}
+
+CLI::Option* add_row_log_option(CLI::App& command, const std::string& name,
+                                std::optional<std::filesystem::path>& file,
+                                const std::string& description) {
+  const auto set_file = [&file, name](const std::string& text) {
+    if (!is_row_log(text)) usage_error(name, "{}: end it in .csv or .jsonl", text);
+    file = text;
+  };
+  return add_text_option(command, name, "FILE", set_file, description);
 }
 
 CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
@@ -500,14 +511,8 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       ->needs(poses);
   add_option(command, "--group-poses", "FOLDER", request.group_poses,
              "Poses (T_table_group) of the tag groups beside the table: NAME.tum of each");
-  const auto set_frame_log = [&request](const std::string& file) {
-    const std::string extension = lower_extension(file);
-    if (!is_stream(file) && extension != ".csv" && extension != ".jsonl")
-      usage_error("--frame-log", "{}: end it in .csv or .jsonl", file);
-    request.frame_log = file;
-  };
-  add_text_option(command, "--frame-log", "FILE", set_frame_log,
-                  "A row per frame and tag group, as *.csv or *.jsonl; - is standard output");
+  add_row_log_option(command, "--frame-log", request.frame_log,
+                     "A row per frame and tag group, as *.csv or *.jsonl; - is standard output");
   add_option(command, "--report", "FILE.json", request.report,
              "Report with all measurements, as JSON; - is standard output");
 }

@@ -91,6 +91,10 @@ CLI::Option* add_choice_option(CLI::App& command, const std::string& name,
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
                              const std::function<void(const std::string&)>& set_value,
                              const std::string& description);
+// Adds an option for a file that RowLog writes.
+CLI::Option* add_row_log_option(CLI::App& command, const std::string& name,
+                                std::optional<std::filesystem::path>& file,
+                                const std::string& description);
 // Joins the names of a table of EnumName.
 [[nodiscard]] std::string joined_names(const auto& names, const char* separator) {
   std::vector<std::string_view> words;

@@ -7,12 +7,6 @@
 
 namespace penumbra {
 
-std::int64_t monotonic_ns() {
-  using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
-      .count();
-}
-
 LivePipeline::LivePipeline(LiveSource& source, Track track, Captured captured, bool side_by_side)
     : source_(source),
       track_(std::move(track)),

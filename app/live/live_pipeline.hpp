@@ -10,6 +10,7 @@
 #include <optional>
 #include <thread>
 
+#include "app/capture/clocks.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/live_source.hpp"
 #include "app/capture/mailbox.hpp"
@@ -19,9 +20,6 @@
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
-
-// The monotonic clock, which drivers use for timestamps.
-[[nodiscard]] std::int64_t monotonic_ns();
 
 // A tracked frame that is ready to be drawn.
 struct ReadyFrame {

@@ -167,6 +167,7 @@ Result<void> list_timestamps_csv(const std::filesystem::path& folder, Recording&
   const auto time_column = column("timestamp_s");
   const auto file_column = column("file");
   const auto exposure_column = column("exposure_s");
+  const auto utc_column = column("wall_time_ns");
   const bool images = recording.video.empty();
   if (!number_column || !time_column || (images && !file_column)) {
     return fail("{}: line {}: has no column {}; the first line must be frame,timestamp_s,file", csv,
@@ -176,10 +177,15 @@ Result<void> list_timestamps_csv(const std::filesystem::path& folder, Recording&
                                : "file");
   }
   for (const std::string_view name : header) {
-    if (!name.starts_with("exposure") || name == "exposure_s") continue;
-    recording.notices.push_back(
-        fmt::format("{}: column {}: is not read; exposures are read from exposure_s, in seconds",
-                    csv, quoted(name)));
+    if (name.starts_with("exposure") && name != "exposure_s") {
+      recording.notices.push_back(
+          fmt::format("{}: column {}: is not read; exposures are read from exposure_s, in seconds",
+                      csv, quoted(name)));
+    } else if (name.starts_with("wall_time") && name != "wall_time_ns") {
+      recording.notices.push_back(fmt::format(
+          "{}: column {}: is not read; wall-clock times are read from wall_time_ns, in nanoseconds",
+          csv, quoted(name)));
+    }
   }
   const auto read = [&](const Row& row) -> Result<RecordedFrame> {
     if (row.fields.size() != header.size()) {
@@ -207,6 +213,18 @@ Result<void> list_timestamps_csv(const std::filesystem::path& folder, Recording&
       if (!frame.exposure_s || !(*frame.exposure_s > 0.0 && *frame.exposure_s <= kMaxExposure_s)) {
         return fail("{}: line {}: exposure_s: '{}' is not a time above 0 and up to {} s", csv,
                     row.line, quoted(exposure), kMaxExposure_s);
+      }
+    }
+    // The digits of a field without a line break after it may be cut off.
+    const bool complete = row.ended || utc_column != row.fields.size() - 1;
+    if (utc_column && complete && !row.fields[*utc_column].empty()) {
+      const std::string_view utc = row.fields[*utc_column];
+      frame.utc_ns = parse_integer(utc);
+      if (!frame.utc_ns) {
+        return fail(
+            "{}: line {}: wall_time_ns: '{}' is not a whole number of nanoseconds since 1970 (UTC, "
+            "up to the year 2262); correct it or leave it empty",
+            csv, row.line, quoted(utc));
       }
     }
     if (images) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "app/capture/camera_jpeg.hpp"
+#include "app/capture/clocks.hpp"
 #include "app/logging.hpp"
 #include "app/recording/video_reader.hpp"
 #include "core/image/sample_depth.hpp"
@@ -58,6 +59,7 @@ class RecordingFeed final : public LiveSource {
       CapturedImage image;
       image.sequence = sequence;
       image.timestamp_ns = due.time_since_epoch() / std::chrono::nanoseconds(1);
+      image.utc_ns = utc_at(image.timestamp_ns);
       const std::size_t index = sequence % frames_.size();
       image.exposure_s = frames_[index].exposure_s;
       if (!(video_file_.empty()

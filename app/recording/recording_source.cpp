@@ -61,6 +61,7 @@ class Decoder {
     }
     frame.sequence = static_cast<std::uint64_t>(listed.number);
     frame.timestamp_ns = listed.timestamp_ns;
+    frame.utc_ns = listed.utc_ns;
     frame.exposure_s = listed.exposure_s;
     return std::optional<TimedFrame>({std::move(frame), watch.elapsed()});
   }

@@ -2,7 +2,7 @@
 //
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
 //   groups/NAME.tum? ...                   ground truth of the tag groups beside the table
-//   (timestamps.csv: frame,timestamp_s,file, and exposure_s if known)
+//   (timestamps.csv: frame,timestamp_s,file, and exposure_s and wall_time_ns if known)
 //   poses.tum? group-poses/NAME.tum? ...   camera and group poses of the live session
 //
 // EuRoC/ASL folders: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
@@ -28,8 +28,9 @@ namespace penumbra {
 struct RecordedFrame {
   int number = 0;  // number in the listing
   std::int64_t timestamp_ns = 0;
-  std::optional<double> exposure_s;  // see Frame::exposure_s
-  std::filesystem::path file;        // empty if the frames are in a video
+  std::optional<std::int64_t> utc_ns;  // see Frame::utc_ns
+  std::optional<double> exposure_s;    // see Frame::exposure_s
+  std::filesystem::path file;          // empty if the frames are in a video
 };
 
 // The description of a recording, without pixels.

@@ -107,6 +107,7 @@ struct RecordingWriter::Impl {
   std::set<std::string> nameless_groups;           // have no file name; reported once
   std::optional<LosslessVideo> video;
   bool with_exposure = false;  // the first image has an exposure time
+  bool with_utc = false;       // the first image has a UTC time
   bool is_open = false;        // the folder was created
 
   mutable std::mutex mutex;
@@ -200,8 +201,10 @@ struct RecordingWriter::Impl {
 
   // Writes the header line, which depends on the first image.
   Result<void> begin_listing() {
-    return timestamps.add_line(with_exposure ? "frame,timestamp_s,file,exposure_s"
-                                             : "frame,timestamp_s,file");
+    // wall_time_ns comes last: the reader ignores it in a line that a crash cut off.
+    return timestamps.add_line(fmt::format("frame,timestamp_s,file{}{}",
+                                           with_exposure ? ",exposure_s" : "",
+                                           with_utc ? ",wall_time_ns" : ""));
   }
 
   Result<void> write_jpeg(const CapturedImage& image, const fs::path& file) {
@@ -234,6 +237,7 @@ struct RecordingWriter::Impl {
     if (with_exposure) {
       line += image.exposure_s ? fmt::format(",{:.7g}", *image.exposure_s) : std::string(",");
     }
+    if (with_utc) line += image.utc_ns ? fmt::format(",{}", *image.utc_ns) : std::string(",");
     return timestamps.add_line(line);
   }
 
@@ -270,6 +274,7 @@ struct RecordingWriter::Impl {
       const std::uint64_t number = counts_now().written;
       if (number == 0) {
         with_exposure = image->exposure_s.has_value();
+        with_utc = image->utc_ns.has_value();
         PENUMBRA_TRY_VOID(begin_listing());
       }
       PENUMBRA_TRY_VOID(write_image(*image, number));

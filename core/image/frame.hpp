@@ -57,6 +57,8 @@ struct Frame {
   int plane_count = 0;
   std::shared_ptr<const void> owner;  // keeps the pixels alive
   DmaBuf dma_buf;
+  // `timestamp_ns` on the wall clock: UTC since 1970. May go back, because that clock can be set.
+  std::optional<std::int64_t> utc_ns;
 
   [[nodiscard]] bool empty() const { return plane_count == 0; }
 };

@@ -10,6 +10,7 @@
 #include <cctype>
 #include <cerrno>
 #include <charconv>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
@@ -249,6 +250,21 @@ std::string format_ns_as_seconds(std::int64_t nanoseconds) {
   const std::uint64_t magnitude = negative ? 0U - bits : bits;
   return fmt::format("{}{}.{:09}", negative ? "-" : "", magnitude / 1'000'000'000U,
                      magnitude % 1'000'000'000U);
+}
+
+std::string format_utc(std::int64_t nanoseconds) {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  // Rounds down, also before 1970.
+  const std::int64_t fraction = (nanoseconds % kSecond + kSecond) % kSecond;
+  const std::chrono::sys_seconds whole{
+      std::chrono::seconds(nanoseconds / kSecond - (nanoseconds % kSecond < 0 ? 1 : 0))};
+  const auto day = std::chrono::floor<std::chrono::days>(whole);
+  const std::chrono::year_month_day date(day);
+  const std::chrono::hh_mm_ss time(whole - day);
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:09}Z", static_cast<int>(date.year()),
+                     static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()),
+                     time.hours().count(), time.minutes().count(), time.seconds().count(),
+                     fraction);
 }
 
 std::string joined(std::span<const double> values, std::string_view format) {

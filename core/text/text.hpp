@@ -41,6 +41,8 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text);
 // Formats seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
+// Formats nanoseconds since 1970 as ISO 8601: "2026-11-28T04:29:37.000000000Z".
+[[nodiscard]] std::string format_utc(std::int64_t nanoseconds);
 
 // Returns "1, 2.5, 3"; `format` applies to each value. Replaces fmt::join, which compiles the
 // formatting of numbers into each file that uses it.

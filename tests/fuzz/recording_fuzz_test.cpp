@@ -205,6 +205,10 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   RecordingTally tally;
   for (int i = 0; i < inputs(9000); ++i, ++tally.inputs) {
     const std::string& valid = formats[static_cast<std::size_t>(i) % formats.size()];
+    if (i < static_cast<int>(formats.size())) {
+      write_text(file, valid);
+      ASSERT_TRUE(load_trajectory(file)) << load_trajectory(file).error().message;
+    }
     write_text(file, mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);
     if (!trajectory) {
@@ -224,14 +228,30 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   report(tally);
 }
 
+// Adds the columns of exposures and wall-clock times to a listing.
+std::string with_wall_clock(const std::string& listing) {
+  std::string text;
+  int line = 0;
+  for (const char c : listing) {
+    if (c == '\n') {
+      text += line == 0 ? ",exposure_s,wall_time_ns"
+                        : ",0.0125,179000000000000000" + std::to_string(line);
+      ++line;
+    }
+    text += c;
+  }
+  return text;
+}
+
 TEST(RecordingFuzz, OpensOrRejectsDamagedFrameList) {
   const test::TemporaryFolder root;
   const auto folder = root.path() / "small";
   test::write_recording(folder, 6);
-  const std::string valid = test::listing(6);
+  const std::array<std::string, 2> formats = {test::listing(6), with_wall_clock(test::listing(6))};
   Random random(15);
   RecordingTally tally;
   for (int i = 0; i < inputs(4000); ++i, ++tally.inputs) {
+    const std::string& valid = formats[static_cast<std::size_t>(i) % formats.size()];
     write_text(folder / "timestamps.csv", mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto recording = open_recording(folder);
     if (!recording) {

@@ -12,7 +12,6 @@
 #include <cerrno>
 #include <cmath>
 #include <cstring>
-#include <ctime>
 #include <mutex>
 #include <tuple>
 #include <utility>
@@ -20,6 +19,7 @@
 #include "app/capture/camera_jpeg.hpp"
 #include "app/capture/camera_search.hpp"
 #include "app/capture/camera_trouble.hpp"
+#include "app/capture/clocks.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/v4l2/buffer_memory.hpp"
@@ -60,12 +60,6 @@ constexpr std::array<KnownFormat, 6> kFormats{{
     {V4L2_PIX_FMT_JPEG, "mjpeg", "JPEG", PixelFormat::yuv420p, true},
     {V4L2_PIX_FMT_GREY, "grey", "GREY", PixelFormat::grey8, false},
 }};
-
-std::int64_t monotonic_ns() {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
 
 tl::unexpected<StreamError> trouble(const V4l2Device& device, const char* call, int error) {
   return tl::unexpected<StreamError>(
@@ -533,6 +527,7 @@ class V4l2Source final : public LiveSource {
     const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
+    image.utc_ns = utc_at(stamp.timestamp_ns);
     {
       const std::lock_guard lock(mutex_);
       image.exposure_s = exposure_s_;

@@ -8,7 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "core/text/text.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "support/file_lines.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -21,6 +22,7 @@ SessionFrame tracked_frame() {
   SessionFrame frame;
   frame.tracked.frame.sequence = 7;
   frame.tracked.frame.timestamp_ns = 1'700'000'000'123'456'789;
+  frame.tracked.frame.utc_ns = 1'790'000'000'000'000'001;
   PoseEstimate& pose = frame.tracked.pose;
   pose.status = TrackStatus::tracked;
   pose.T_table_camera = {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(0.5, -0.25, 1.0)};
@@ -49,12 +51,7 @@ class FrameLogTest : public testing::Test {
     EXPECT_TRUE(log) << log.error().message;
     for (const SessionFrame& frame : frames) EXPECT_TRUE(log->write(frame));
     EXPECT_TRUE(log->finish());
-    const std::string text = read_text_file(file, 1 << 20).value();
-    std::vector<std::string> lines;
-    for (const auto line : split(text, '\n')) lines.emplace_back(line);
-    EXPECT_EQ(lines.back(), "") << "the last line is complete";
-    lines.pop_back();
-    return lines;
+    return test::complete_lines(file);
   }
   test::TemporaryFolder folder_;
 };
@@ -63,17 +60,19 @@ TEST_F(FrameLogTest, WritesOneCsvRowPerFrameAndGroup) {
   const auto lines = lines_of("log.csv", {tracked_frame()});
   ASSERT_EQ(lines.size(), 3U);
   EXPECT_EQ(lines[0],
-            "frame,timestamp_s,group,state,reason,tx,ty,tz,qx,qy,qz,qw,predicted_px,"
+            "frame,timestamp_s,wall_time,group,state,reason,tx,ty,tz,qx,qy,qz,qw,predicted_px,"
             "reprojection_px,tags_used,tags_rejected,age_s,cov_11,cov_12,cov_13,cov_14,cov_15,"
             "cov_16,cov_22,cov_23,cov_24,cov_25,cov_26,cov_33,cov_34,cov_35,cov_36,cov_44,cov_45,"
             "cov_46,cov_55,cov_56,cov_66,track_ms,detect_ms,align_ms,solve_ms,plan_ms,shadow_ms,"
             "render_ms,draw_ms");
   EXPECT_EQ(lines[1],
-            "7,1700000000.123456789,table,tracked,,0.5,-0.25,1.0,1.0,0.0,0.0,0.0,0.125,0.0625,9,"
-            "4 11,0.0,11.0,12.0,13.0,14.0,15.0,16.0,22.0,23.0,24.0,25.0,26.0,33.0,34.0,35.0,36.0,"
+            "7,1700000000.123456789,2026-09-21T14:13:20.000000001Z,table,tracked,,0.5,-0.25,1.0,"
+            "1.0,0.0,0.0,0.0,0.125,0.0625,9,4 "
+            "11,0.0,11.0,12.0,13.0,14.0,15.0,16.0,22.0,23.0,24.0,25.0,26.0,33.0,34.0,35.0,36.0,"
             "44.0,45.0,46.0,55.0,56.0,66.0,1.5,0.0,0.0,0.0,0.0,0.0,0.0,4.5");
-  EXPECT_EQ(lines[2], "7,1700000000.123456789,\"wall, \"\"left\"\"\",lost" + std::string(11, ',') +
-                          "0" + std::string(31, ','));
+  EXPECT_EQ(lines[2],
+            "7,1700000000.123456789,2026-09-21T14:13:20.000000001Z,\"wall, \"\"left\"\"\",lost" +
+                std::string(11, ',') + "0" + std::string(31, ','));
 }
 
 TEST_F(FrameLogTest, WritesJsonLines) {
@@ -81,6 +80,7 @@ TEST_F(FrameLogTest, WritesJsonLines) {
   ASSERT_EQ(lines.size(), 4U);
   const Json table = Json::parse(lines[0]);
   EXPECT_EQ(table["frame"], 7);
+  EXPECT_EQ(table["wall_time"], "2026-09-21T14:13:20.000000001Z");
   EXPECT_EQ(table["group"], "table");
   EXPECT_EQ(table["tags_rejected"], Json({4, 11}));
   EXPECT_EQ(table["cov_46"], 46.0);
@@ -89,6 +89,36 @@ TEST_F(FrameLogTest, WritesJsonLines) {
   EXPECT_EQ(group["group"], "wall, \"left\"");
   EXPECT_TRUE(group["tx"].is_null());
   EXPECT_TRUE(group["track_ms"].is_null());
+}
+
+TEST_F(FrameLogTest, LeavesUnknownWallClockTimeEmpty) {
+  SessionFrame frame = tracked_frame();
+  frame.tracked.frame.utc_ns = std::nullopt;
+  EXPECT_THAT(lines_of("log.csv", {frame})[1],
+              testing::StartsWith("7,1700000000.123456789,,table"));
+  EXPECT_TRUE(Json::parse(lines_of("log.jsonl", {frame})[0])["wall_time"].is_null());
+}
+
+// The tracked poses of the camera can be read as a trajectory.
+TEST_F(FrameLogTest, IsReadAsTrajectory) {
+  SessionFrame uncertain = tracked_frame();
+  uncertain.tracked.frame.timestamp_ns += 40'000'000;
+  uncertain.tracked.pose.status = TrackStatus::uncertain;
+  SessionFrame unpredicted = tracked_frame();
+  unpredicted.tracked.frame.timestamp_ns += 80'000'000;
+  unpredicted.tracked.pose.predicted_overlay_error_px = std::numeric_limits<double>::infinity();
+  unpredicted.tracked.groups[0].status = TrackStatus::tracked;
+  (void)lines_of("log.csv", {tracked_frame(), uncertain, unpredicted});
+  const auto read = load_trajectory(folder_.path() / "log.csv");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_FALSE(read->of_body);
+  ASSERT_EQ(read->poses.size(), 2U);
+  EXPECT_EQ(read->poses[0].timestamp_ns, 1'700'000'000'123'456'789);
+  EXPECT_EQ(read->poses[0].T_table_camera.translation(), Eigen::Vector3d(0.5, -0.25, 1.0));
+  EXPECT_EQ(read->poses[0].T_table_camera.rotation().x(), 1.0);
+  EXPECT_EQ(read->poses[0].predicted_px, 0.125);
+  EXPECT_EQ(read->poses[1].timestamp_ns, 1'700'000'000'203'456'789);
+  EXPECT_EQ(read->poses[1].predicted_px, std::nullopt);
 }
 
 TEST_F(FrameLogTest, LeavesNonFiniteNumbersEmpty) {

@@ -1,5 +1,6 @@
 #include "app/recording/recording_source.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -10,6 +11,7 @@
 
 #include "app/recording/video_reader.hpp"
 #include "core/image/image_file.hpp"
+#include "core/text/text.hpp"
 #include "support/recording_folder.hpp"
 #include "support/video_file.hpp"
 
@@ -279,6 +281,65 @@ TEST_F(FrameFolderRecording, ReadsListedExposures) {
     write_text(folder() / "timestamps.csv", listing(bad));
     EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("timestamps.csv: line 4: exposure_s: '"),
                                           HasSubstr(std::string("'") + bad + "'")));
+  }
+}
+
+// Wall-clock times may be before 1970, go back or repeat, because that clock can be set.
+TEST_F(FrameFolderRecording, ReadsListedWallClockTimes) {
+  const std::vector<std::string> good = {
+      "1790000000000000001", "1790000000033333334", "", "-1", "0", "-9223372036854775808",
+      "9223372036854775807", "9223372036854775807"};
+  const auto listing = [&](const std::vector<std::string>& times) {
+    std::string text = "frame,timestamp_s,file,wall_time_ns\n";
+    for (int i = 0; i < kFrames; ++i) {
+      const auto number = static_cast<std::size_t>(i);
+      text += fmt::format("{0},{0}.5,frames/{0:06}.jpg,{1}\n", i, times[number]);
+    }
+    return text;
+  };
+  write_text(folder() / "timestamps.csv", listing(good));
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_THAT(recording->notices, testing::IsEmpty());
+  const Played played = play(*recording);
+  ASSERT_EQ(played.frames.size(), std::size_t{kFrames});
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    EXPECT_EQ(played.frames[i].utc_ns, parse_integer(good[i])) << i;
+    EXPECT_EQ(played.frames[i].timestamp_ns, static_cast<int>(i) * 1'000'000'000LL + 500'000'000);
+  }
+
+  for (const char* bad : {"2026-11-28T04:29:37Z", "1790000000.5", "1.79e18", "nan", "1 2",
+                          "9223372036854775808", "99999999999999999999"}) {
+    std::vector<std::string> times = good;
+    times[3] = bad;
+    write_text(folder() / "timestamps.csv", listing(times));
+    EXPECT_THAT(error_of(folder()),
+                AllOf(HasSubstr("timestamps.csv: line 5: wall_time_ns: '"),
+                      HasSubstr("not a whole number of nanoseconds since 1970")))
+        << bad;
+  }
+
+  std::string other = listing(good);
+  other.replace(other.find("wall_time_ns"), 12, "wall_time_s");
+  write_text(folder() / "timestamps.csv", other);
+  const auto not_read = open_recording(folder());
+  ASSERT_TRUE(not_read) << not_read.error().message;
+  EXPECT_THAT(not_read->notices, testing::ElementsAre(HasSubstr("column wall_time_s")));
+  EXPECT_EQ(not_read->frames[0].utc_ns, std::nullopt);
+}
+
+// A crash can cut off the last digits, which are a valid but wrong time.
+TEST_F(FrameFolderRecording, IgnoresWallClockTimeThatMayBeCutOff) {
+  std::string text = "frame,timestamp_s,file,wall_time_ns\n";
+  for (int i = 0; i < kFrames; ++i)
+    text += fmt::format("{0},{0}.5,frames/{0:06}.jpg,1790000000000000001\n", i);
+  for (std::size_t cut = 1; cut <= 20; ++cut) {
+    write_text(folder() / "timestamps.csv", text.substr(0, text.size() - cut));
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording) << recording.error().message;
+    ASSERT_EQ(recording->frames.size(), std::size_t{kFrames}) << cut;
+    EXPECT_EQ(recording->frames[kFrames - 2].utc_ns, 1'790'000'000'000'000'001);
+    EXPECT_EQ(recording->frames[kFrames - 1].utc_ns, std::nullopt) << cut;
   }
 }
 

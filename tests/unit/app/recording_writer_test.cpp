@@ -6,10 +6,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <csignal>
 #include <cstring>
 #include <new>
+#include <optional>
 #include <random>
 #include <thread>
 
@@ -185,6 +187,38 @@ TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   ASSERT_TRUE(paths) << paths.error().message;
   EXPECT_EQ(paths->count("../wall"), 0U);
   EXPECT_EQ(paths->at("wall").poses.size(), 3U);
+}
+
+TEST(RecordingWriter, StoresWallClockTimesThatGoBack) {
+  const std::array<std::optional<std::int64_t>, 4> times = {1'790'000'000'000'000'001, std::nullopt,
+                                                            -5, 1'790'000'000'000'000'001};
+  for (const bool with_exposure : {false, true}) {
+    const test::TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "session";
+    auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
+    ASSERT_TRUE(writer) << writer.error().message;
+    for (std::size_t i = 0; i < times.size(); ++i) {
+      CapturedImage image = jpeg_image(static_cast<int>(i));
+      image.utc_ns = times[i];
+      if (with_exposure) image.exposure_s = 0.0125;
+      (*writer)->add_image(image);
+    }
+    ASSERT_TRUE((*writer)->finish());
+    const std::string listing = read_text_file(folder / "timestamps.csv", 1000).value();
+    EXPECT_TRUE(listing.starts_with(with_exposure
+                                        ? "frame,timestamp_s,file,exposure_s,wall_time_ns\n"
+                                        : "frame,timestamp_s,file,wall_time_ns\n"))
+        << listing;
+    const auto recording = open_recording(folder);
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_TRUE(recording->notices.empty());
+    ASSERT_EQ(recording->frames.size(), times.size());
+    for (std::size_t i = 0; i < times.size(); ++i) {
+      EXPECT_EQ(recording->frames[i].utc_ns, times[i]) << i;
+      EXPECT_EQ(recording->frames[i].timestamp_ns, jpeg_image(static_cast<int>(i)).timestamp_ns);
+      EXPECT_EQ(recording->frames[i].exposure_s.has_value(), with_exposure);
+    }
+  }
 }
 
 // The frame list has its header even without a frame; without exposures it has no exposure column.

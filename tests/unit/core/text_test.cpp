@@ -6,6 +6,7 @@
 
 #include <rapidcheck/gtest.h>
 #include <cmath>
+#include <limits>
 
 #include "support/paths.hpp"
 
@@ -44,6 +45,15 @@ RC_GTEST_PROP(Text, RoundTripsTimes, ()) {
   const auto time =
       *rc::gen::inRange<std::int64_t>(-4'000'000'000'000'000'000, 4'000'000'000'000'000'000);
   RC_ASSERT(parse_seconds_as_ns(format_ns_as_seconds(time)) == time);
+}
+
+TEST(Text, FormatsUtcOfEveryNanosecond) {
+  EXPECT_EQ(format_utc(0), "1970-01-01T00:00:00.000000000Z");
+  EXPECT_EQ(format_utc(1'582'934'400'000'000'001), "2020-02-29T00:00:00.000000001Z");
+  EXPECT_EQ(format_utc(-1), "1969-12-31T23:59:59.999999999Z");
+  EXPECT_EQ(format_utc(-1'000'000'000), "1969-12-31T23:59:59.000000000Z");
+  EXPECT_EQ(format_utc(std::numeric_limits<std::int64_t>::min()), "1677-09-21T00:12:43.145224192Z");
+  EXPECT_EQ(format_utc(std::numeric_limits<std::int64_t>::max()), "2262-04-11T23:47:16.854775807Z");
 }
 
 TEST(Text, ParsesOnlyCompleteNumbers) {
