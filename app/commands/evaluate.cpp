@@ -7,9 +7,12 @@
 #include <array>
 #include <map>
 #include <memory>
+#include <utility>
+#include <vector>
 
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
+#include "app/output/error_log.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/split_half_plot.hpp"
 #include "app/recording/recording_source.hpp"
@@ -37,6 +40,7 @@ struct EvaluateOptions {
   std::optional<std::filesystem::path> json;  // "-": standard output
   std::filesystem::path split_half;           // recording; empty: compares with the ground truth
   std::optional<std::filesystem::path> plot;
+  std::optional<std::filesystem::path> per_frame;
   TrackerOptions tracking;
 };
 
@@ -161,6 +165,8 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
   for (const auto& [name, of_group] : groups) {
     table += fmt::format("\ntag group {}\n{}", name, evaluation_table(of_group));
   }
+  if (options.per_frame)
+    PENUMBRA_TRY_VOID(write_pose_errors(*options.per_frame, evaluation, groups));
   PENUMBRA_TRY_VOID(write_results(options, table, evaluation_json(evaluation, groups)));
   return ExitCode::success;
 }
@@ -172,7 +178,7 @@ Result<ExitCode> run_evaluate_halves(const EvaluateOptions& options) {
   if (!options.camera.empty()) request.camera = options.camera;
   request.camera_name = options.camera_name;
   request.tracking = options.tracking;
-  for (const auto& output : {options.json, options.plot}) {
+  for (const auto& output : {options.json, options.plot, options.per_frame}) {
     if (output && !is_stream(*output) && lies_in(*output, options.split_half)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
                   output->string(), options.split_half.string());
@@ -182,10 +188,23 @@ Result<ExitCode> run_evaluate_halves(const EvaluateOptions& options) {
   if (options.plot) {
     PENUMBRA_TRY(plot, OutputFile::create(*options.plot));
   }
-  PENUMBRA_TRY(const auto report, run_split_half(request));
-  PENUMBRA_TRY_VOID(write_results(options, split_half_table(report), split_half_json(report)));
+  std::optional<HalfErrorLog> per_frame;
+  if (options.per_frame) {
+    PENUMBRA_TRY(per_frame, HalfErrorLog::create(*options.per_frame));
+    request.on_compared = [&log = *per_frame](const Frame& frame, std::size_t split,
+                                              const HalfDifference& difference) {
+      return log.add(frame, split, difference);
+    };
+  }
+  const auto report = run_split_half(request);
+  if (!report) {
+    if (per_frame) per_frame->rescue();
+    return tl::unexpected(report.error());
+  }
+  if (per_frame) PENUMBRA_TRY_VOID(per_frame->finish());
+  PENUMBRA_TRY_VOID(write_results(options, split_half_table(*report), split_half_json(*report)));
   if (plot) {
-    PENUMBRA_TRY_VOID(write_text(*plot, split_half_svg(report)));
+    PENUMBRA_TRY_VOID(write_text(*plot, split_half_svg(*report)));
   }
   return ExitCode::success;
 }
@@ -222,6 +241,25 @@ void check_options(const CLI::App& command, const EvaluateOptions& options) {
   }
 }
 
+// Rejects outputs that would replace each other or an input, or share standard output.
+void check_outputs(const CLI::App& command, const EvaluateOptions& options) {
+  claim_outputs(command, {"--per-frame", "--plot"});
+  const std::array inputs = {options.camera, options.tags.value_or(""), options.estimated,
+                             options.groundtruth};
+  std::vector<std::filesystem::path> outputs;
+  for (const auto& [name, file] :
+       {std::pair("--json", options.json), std::pair("--plot", options.plot),
+        std::pair("--per-frame", options.per_frame)}) {
+    if (!file) continue;
+    if (!outputs.empty() && options.json && names_standard_output(*options.json) &&
+        names_standard_output(*file))
+      usage_error(name, "standard output is taken by --json; name a file for one of them");
+    outputs.push_back(*file);
+    if (const auto once = check_written_once(outputs, inputs); !once)
+      usage_error(name, "{}", once.error().message);
+  }
+}
+
 }  // namespace
 
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
@@ -240,7 +278,8 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
       "\\\n    --camera recordings/tabletop/camera.yaml\n"
       "  penumbra evaluate --split-half recordings/tabletop --plot halves.svg");
   const auto options = std::make_shared<EvaluateOptions>();
-  add_option(command, "--estimated", "FILE.tum", options->estimated, "Estimated camera poses");
+  add_option(command, "--estimated", "FILE.tum", options->estimated,
+             "Estimated camera poses, or a frame log (*.csv)");
   add_option(command, "--groundtruth", "FILE.tum", options->groundtruth,
              "True camera poses, or EuRoC's data.csv");
   add_option(command, "--split-half", "RECORDING", options->split_half,
@@ -260,6 +299,8 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
       ->expected(0, 1);
   add_option(command, "--plot", "FILE.svg", options->plot,
              "Plot of --split-half: errors over the frames, causes of the residuals");
+  add_row_log_option(command, "--per-frame", options->per_frame,
+                     "Errors of each pose, as *.csv or *.jsonl; - is standard output");
   start_group(command, "Groups of tags");
   add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
              "Estimated poses of groups, as --group-poses writes them");
@@ -269,10 +310,7 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   add_pairing_options(command, options->pairing);
   command.callback([&command, options, &chosen] {
     check_options(command, *options);
-    const std::array outputs = {options->json.value_or(""), options->plot.value_or("")};
-    const std::array inputs = {options->camera, options->tags.value_or("")};
-    if (const auto once = check_written_once(outputs, inputs); !once)
-      usage_error("--plot", "{}", once.error().message);
+    check_outputs(command, *options);
     chosen = [options] {
       return options->split_half.empty() ? run_evaluate(*options) : run_evaluate_halves(*options);
     };

@@ -34,15 +34,15 @@ struct FullRun {
   std::string reason;  // reason of the last frame that is not tracked
 };
 
-// Calls `visit(index, frame)` for every frame.
+// Calls `visit(index, frame)` for every frame, until it fails.
 Result<void> for_each_frame(const Recording& recording, InterruptWatch& interrupt, const char* what,
-                            const std::function<void(int, const Frame&)>& visit) {
+                            const std::function<Result<void>(int, const Frame&)>& visit) {
   PENUMBRA_TRY(auto source, open_recording_source(recording));
   ProgressBar progress(source->frame_count().value_or(0), what);
   for (int index = 0;; ++index) {
     PENUMBRA_TRY(const auto frame, source->next());
     if (!frame) return {};
-    visit(index, *frame);
+    PENUMBRA_TRY_VOID(visit(index, *frame));
     progress.update(index + 1);
     if (interrupt.interrupted())
       return fail("{}: ended early; nothing was reported", recording.folder.string());
@@ -84,21 +84,22 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
   FullRun run;
   run.frames_seen.assign(tags.size(), 0);
   std::vector<std::uint8_t> scratch;
-  const auto visit = [&](int index, const Frame& frame) {
+  const auto visit = [&](int index, const Frame& frame) -> Result<void> {
     const PoseEstimate estimate = tracker.track(frame).pose;
     const bool tracked = estimate.status == TrackStatus::tracked;
     run.poses.push_back({frame.timestamp_ns, std::nullopt});
     if (!tracked) run.reason = text_of(estimate.reason);
-    if (!estimate.has_pose() || estimate.tags_used == 0) return;
+    if (!estimate.has_pose() || estimate.tags_used == 0) return {};
     const MapFromCamera pose = as_map_pose(estimate.T_table_camera);
     const std::vector<std::size_t> in_view = meter.in_view(pose);
     run.max_in_view = std::max(run.max_in_view, static_cast<int>(in_view.size()));
     for (const std::size_t tag : in_view) ++run.frames_seen[tag];
     run.poses.back().pose = pose;
-    if (index % std::max(step, 1) != 0) return;
+    if (index % std::max(step, 1) != 0) return {};
     run.corner_frames.push_back(run.poses.size() - 1);
     run.corners.push_back(
         meter.measure(luma(frame, scratch), pose, velocity_of(run.poses, run.poses.size() - 1)));
+    return {};
   };
   PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", visit));
   for (std::size_t i = 0; i < run.corners.size(); ++i)
@@ -157,12 +158,15 @@ Result<std::vector<SplitReport>> track_halves(const SplitHalfRequest& request,
     PENUMBRA_TRY(auto second, tracker_of(camera, tags, splits[i][1], request.tracking));
     trackers.push_back({std::move(first), std::move(second)});
   }
-  const auto visit = [&](int, const Frame& frame) {
+  const auto visit = [&](int, const Frame& frame) -> Result<void> {
     for (std::size_t i = 0; i < splits.size(); ++i) {
       const PoseEstimate first = trackers[i][0].track(frame).pose;
       const PoseEstimate second = trackers[i][1].track(frame).pose;
-      reports[i].frames.push_back(compare_halves(camera, frame.timestamp_ns, first, second));
+      const HalfDifference difference = compare_halves(camera, frame.timestamp_ns, first, second);
+      reports[i].frames.push_back(difference);
+      if (request.on_compared) PENUMBRA_TRY_VOID(request.on_compared(frame, i, difference));
     }
+    return {};
   };
   PENUMBRA_TRY_VOID(for_each_frame(recording, interrupt, "frames", visit));
   return reports;

@@ -3,7 +3,9 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +13,7 @@
 #include "app/run_inputs.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/split_half.hpp"
+#include "core/image/frame.hpp"
 #include "tracking/evaluation/residual_causes.hpp"
 #include "tracking/tracker_options.hpp"
 
@@ -21,6 +24,8 @@ struct SplitHalfRequest {
   std::optional<std::filesystem::path> tags, camera;  // instead of the recording's
   std::string camera_name;
   TrackerOptions tracking;
+  // Called for each frame and split (from 0), in order. An error ends the run.
+  std::function<Result<void>(const Frame&, std::size_t split, const HalfDifference&)> on_compared;
 };
 
 struct SplitReport {

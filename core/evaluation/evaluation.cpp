@@ -57,24 +57,38 @@ class ErrorCollector {
   explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
 
   // `consecutive`: the previous frame was also added, so that the jitter can use both.
-  void add(const StampedPose& pose, const CameraPose& truth, bool consecutive) {
+  PoseErrors add(const StampedPose& pose, const CameraPose& truth, bool consecutive) {
     const CameraPose& estimated = pose.T_table_camera;
-    translation_mm_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
-    rotation_deg_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
+    PoseErrors errors;
+    errors.timestamp_ns = pose.timestamp_ns;
+    errors.predicted_px = pose.predicted_px;
+    errors.translation_mm = 1e3 * (estimated.translation() - truth.translation()).norm();
+    errors.rotation_deg = degrees(estimated.rotation().angularDistance(truth.rotation()));
+    translation_mm_.push_back(errors.translation_mm);
+    rotation_deg_.push_back(errors.rotation_deg);
     const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
     bool any = false;
+    double pose_change = 0.0;
+    int changes = 0;
     for (std::size_t i = 0; i < difference.valid.size(); ++i) {
       if (!difference.valid[i]) continue;
       any = true;
       corner_errors_px_.push_back(difference.difference_px[i].norm());
       if (consecutive && previous_.valid[i]) {
-        change_sum_ += (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
-        ++change_count_;
+        const double change =
+            (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
+        change_sum_ += change;
+        pose_change += change;
+        ++changes;
       }
     }
-    if (any) frame_rms_px_.push_back(difference.rms_px());
-    if (any && pose.predicted_px > 0.0) ratio_.push_back(difference.rms_px() / *pose.predicted_px);
+    change_count_ += changes;
+    if (any) errors.overlay_px = frame_rms_px_.emplace_back(difference.rms_px());
+    if (any && pose.predicted_px > 0.0)
+      errors.ratio = ratio_.emplace_back(*errors.overlay_px / *pose.predicted_px);
+    if (changes > 0) errors.jitter_px = std::sqrt(pose_change / changes);
     previous_ = difference;
+    return errors;
   }
 
   void finish(Evaluation& result) {
@@ -195,6 +209,10 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
     const auto true_pose = pose_at(truth, time_ns, options.max_gap_ns);
     if (!true_pose) {
       ++result.frames_not_judged[static_cast<std::size_t>(true_pose.error())];
+      PoseErrors& unknown = result.poses.emplace_back();
+      unknown.timestamp_ns = pose.timestamp_ns;
+      unknown.not_judged = true_pose.error();
+      unknown.predicted_px = pose.predicted_px;
       previous_evaluated = false;
       continue;
     }
@@ -202,7 +220,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
     with_pose[nearest_index(truth, time_ns)] = true;
     const bool consecutive =
         previous_evaluated && pose.timestamp_ns - previous_ns <= interval_ns + interval_ns / 2;
-    errors.add(pose, *true_pose, consecutive);
+    result.poses.push_back(errors.add(pose, *true_pose, consecutive));
     previous_ns = pose.timestamp_ns;
     previous_evaluated = true;
   }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/camera/camera_model.hpp"
@@ -33,11 +34,24 @@ template <class Origin>
     const CameraModel& camera, const Transform<Origin, frame::Camera>& estimated,
     const Transform<Origin, frame::Camera>& truth);
 
+// Errors of one estimated pose.
+struct PoseErrors {
+  std::int64_t timestamp_ns = 0;  // of the estimate, without PairingOptions::time_offset_ns
+  std::optional<NotEvaluated> not_judged;  // then there are no errors
+  double translation_mm = 0.0, rotation_deg = 0.0;
+  std::optional<double> overlay_px;  // RMS over the corners; nullopt if none is valid
+  // RMS change of the corners since the previous pose; nullopt if that is not judged or too old.
+  std::optional<double> jitter_px;
+  std::optional<double> predicted_px;  // StampedPose::predicted_px
+  std::optional<double> ratio;         // overlay_px / predicted_px
+};
+
 struct Evaluation {
-  int frames_with_truth = 0;  // all true poses; during a run, only those of processed frames
-  int frames_estimated = 0;   // estimated poses
-  int frames_with_pose = 0;   // number of frames_with_truth that have an evaluated estimate
-  int frames_judged = 0;      // number of frames_estimated that were evaluated
+  std::vector<PoseErrors> poses;  // all estimated poses, in order of time
+  int frames_with_truth = 0;      // all true poses; during a run, only those of processed frames
+  int frames_estimated = 0;       // estimated poses
+  int frames_with_pose = 0;       // number of frames_with_truth that have an evaluated estimate
+  int frames_judged = 0;          // number of frames_estimated that were evaluated
   std::array<int, 2> frames_not_judged{};  // by NotEvaluated: estimates without evaluation
   std::int64_t time_offset_ns = 0;         // PairingOptions::time_offset_ns that was added
   Statistics translation_mm;               // |t_estimated - t_true|

@@ -67,7 +67,7 @@ SplitHalfErrors split_half_errors(std::span<const HalfDifference> frames) {
     }
     difference.push_back(frame.difference_px);
     predicted.push_back(frame.predicted_px);
-    if (frame.predicted_px > 0.0) ratio.push_back(frame.difference_px / frame.predicted_px);
+    if (const auto of_frame = frame.ratio()) ratio.push_back(*of_frame);
   }
   errors.frames_compared = static_cast<int>(difference.size());
   errors.difference_px = statistics_of(std::move(difference));

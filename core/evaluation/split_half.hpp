@@ -42,6 +42,12 @@ struct HalfDifference {
   // If there is no rejection: overlay error between the two poses over sqrt 2, and the RMS of their
   // predicted overlay errors without the uncertainty of the lens, which both halves share [px].
   double difference_px = 0.0, predicted_px = 0.0;
+
+  // difference_px / predicted_px; nullopt if the frame is rejected or predicts no error.
+  [[nodiscard]] std::optional<double> ratio() const {
+    if (rejection || !(predicted_px > 0.0)) return std::nullopt;
+    return difference_px / predicted_px;
+  }
 };
 [[nodiscard]] HalfDifference compare_halves(const CameraModel& camera, std::int64_t timestamp_ns,
                                             const PoseEstimate& first, const PoseEstimate& second);

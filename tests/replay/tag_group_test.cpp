@@ -266,11 +266,28 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
   EXPECT_THAT(evaluated.out, HasSubstr("tag group the prop"));
   std::vector<std::string> as_json = evaluation;
-  as_json.emplace_back("--json");
+  as_json.insert(as_json.end(), {"--per-frame", file("errors.jsonl"), "--json"});
   const auto json = nlohmann::json::parse(penumbra(as_json).out, nullptr, false);
   ASSERT_TRUE(json.is_object());
   EXPECT_NEAR(json["groups"]["the prop"]["overlay_px"]["rmse"].get<double>(),
               prop["accuracy"]["overlay_px"]["rmse"].get<double>(), 1e-3);
+  // Each row of the group follows that of the table at the same time.
+  double squares = 0.0;
+  int rows_of_prop = 0;
+  nlohmann::json before;
+  for (const std::string& line : lines_of(bytes_of(file("errors.jsonl")))) {
+    const nlohmann::json row = nlohmann::json::parse(line);
+    if (row["group"] == "the prop") {
+      ++rows_of_prop;
+      EXPECT_EQ(before["group"], "table");
+      EXPECT_EQ(row["timestamp_s"], before["timestamp_s"]);
+      squares += std::pow(row["overlay_frame_px"].get<double>(), 2);
+    }
+    before = row;
+  }
+  EXPECT_EQ(rows_of_prop, json["groups"]["the prop"]["frames_estimated"]);
+  EXPECT_NEAR(std::sqrt(squares / rows_of_prop),
+              json["groups"]["the prop"]["overlay_frame_px"]["rmse"], 1e-9);
   std::vector<std::string> elsewhere = evaluation;
   elsewhere.back() = file("made/frames");
   const ProgramResult none = penumbra(elsewhere);

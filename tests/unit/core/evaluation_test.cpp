@@ -115,6 +115,22 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   // Frame-to-frame changes: 0-1 (0.5 and 0.625) and 3-4 (no change). The pairs 1-2 and 2-3 lack a
   // pose.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
+
+  ASSERT_EQ(e.poses.size(), 5U);
+  for (std::size_t i = 0; i < 5; ++i) {
+    EXPECT_EQ(e.poses[i].timestamp_ns, estimated.poses[i].timestamp_ns);
+    EXPECT_EQ(e.poses[i].not_judged,
+              i < 4 ? std::nullopt : std::optional(NotEvaluated::outside_truth));
+  }
+  EXPECT_NEAR(e.poses[1].translation_mm, 1.0, 1e-9);
+  EXPECT_NEAR(*e.poses[1].overlay_px, std::sqrt((0.25 + 0.390625) / 2.0), 1e-9);
+  EXPECT_NEAR(*e.poses[2].overlay_px, std::sqrt((1.0 + 1.5625) / 2.0), 1e-9);
+  EXPECT_EQ(e.poses[0].jitter_px, std::nullopt);
+  EXPECT_NEAR(*e.poses[1].jitter_px, std::sqrt((0.25 + 0.390625) / 2.0), 1e-9);
+  EXPECT_EQ(e.poses[2].jitter_px, std::nullopt) << "the frame before has no pose";
+  EXPECT_NEAR(*e.poses[3].jitter_px, 0.0, 1e-9);
+  EXPECT_EQ(e.poses[4].overlay_px, std::nullopt);
+  EXPECT_EQ(e.poses[4].ratio, std::nullopt);
 }
 
 TEST(Evaluation, DividesOverlayErrorByPredictedError) {
@@ -137,6 +153,11 @@ TEST(Evaluation, DividesOverlayErrorByPredictedError) {
   EXPECT_NEAR(e.frame_ratio.max, 4.0, 1e-9);
   EXPECT_NEAR(e.frame_ratio.median, 0.75, 1e-9);
   EXPECT_NEAR(e.share_above_3, 0.25, 1e-12);
+  EXPECT_NEAR(*e.poses[1].ratio, 0.5, 1e-9);
+  EXPECT_EQ(e.poses[1].predicted_px, estimated.poses[1].predicted_px);
+  EXPECT_EQ(e.poses[3].ratio, std::nullopt);
+  EXPECT_EQ(e.poses[4].ratio, 0.0);
+  EXPECT_EQ(e.poses[5].ratio, std::nullopt);
 
   for (StampedPose& pose : estimated.poses) pose.predicted_px = std::nullopt;
   const Evaluation unpredicted = evaluate(test::pinhole_camera(), estimated, truth);
