@@ -1,5 +1,6 @@
 #include "render/shadow/kernels/glb_document.hpp"
 
+#include <array>
 #include <cstring>
 #include <limits>
 
@@ -164,9 +165,9 @@ Result<std::vector<std::uint8_t>> GlbDocument::finish() {
   std::vector<std::uint8_t> file;
   file.reserve(length);
   const auto append_word = [&file](std::size_t value) {
-    for (unsigned shift = 0; shift < 32; shift += 8) {
-      file.push_back(static_cast<std::uint8_t>(value >> shift));
-    }
+    std::array<std::uint8_t, 4> bytes{};
+    for (unsigned i = 0; i < 4; ++i) bytes[i] = static_cast<std::uint8_t>(value >> (8 * i));
+    file.insert(file.end(), bytes.begin(), bytes.end());
   };
   append_word(kMagic);
   append_word(2);
