@@ -38,6 +38,16 @@ endif()
 if(PENUMBRA_BENCHMARKS)
   find_package(benchmark REQUIRED)
 endif()
+if(PENUMBRA_PYTHON)
+  # Debian's Python, for which packages.txt has numpy and pybind11, even if another one is first in PATH or active.
+  if(NOT Python3_EXECUTABLE AND NOT Python3_ROOT_DIR)
+    set(Python3_ROOT_DIR /usr)
+    set(Python3_FIND_VIRTUALENV STANDARD)
+  endif()
+  find_package(Python3 3.9 REQUIRED COMPONENTS Interpreter Development.Module)
+  set(PYBIND11_NOPYTHON ON)  # only its headers
+  find_package(pybind11 2.10 CONFIG REQUIRED)
+endif()
 
 # Finds OpenCV's modules one by one, because Debian's OpenCVConfig.cmake needs the package of all of OpenCV (1 GB).
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
