@@ -371,6 +371,7 @@ class Frame:
     number: int
     time_ns: int
     exposure_s: Optional[float]
+    wall_time_ns: Optional[int]
     file: Path
     image: _Image
 
@@ -385,8 +386,6 @@ class Recording:
     def groundtruth(self) -> Optional[Trajectory]: ...
     @property
     def group_groundtruth(self) -> dict[str, Trajectory]: ...
-    @property
-    def notices(self) -> list[str]: ...
     def __len__(self) -> int: ...
     def __iter__(self) -> Iterator[Frame]: ...
     @overload

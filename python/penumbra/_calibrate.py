@@ -39,7 +39,8 @@ def calibrate(images, target, *, model=None, max_views=60):
     if not isinstance(target, Target):
         target = Target.load(target)
     calibrator = Calibrator(target, model=model, max_views=max_views)
-    if isinstance(images, np.ndarray) and images.ndim == 2:
+    # (height, width, 3) is one image in RGB; a stack of images that are 3 pixels wide is none.
+    if isinstance(images, np.ndarray) and (images.ndim == 2 or images.shape[2:] == (3,)):
         raise ArgumentError("images: is a single image; give a list of images")
     if isinstance(images, (str, os.PathLike)):
         images = _files_in(Path(images))

@@ -6,7 +6,7 @@ import operator
 import os.path  # which returns False where pathlib raises, such as for a name that is too long
 import re
 from dataclasses import dataclass, field
-from decimal import ROUND_HALF_UP, Decimal
+from decimal import ROUND_HALF_UP, Context, Decimal
 from pathlib import Path, PurePosixPath
 from typing import Optional
 
@@ -21,6 +21,7 @@ _MAX_LISTING_BYTES = 256_000_000
 _MAX_TIME_NS = 4 * 10**18
 _MAX_EXPOSURE_S = 60.0
 _NANOSECOND = Decimal("1e-9")
+_DECIMALS = Context(prec=60)  # not that of the caller
 _PADDING_LINES = 16  # encoders fill up to whole blocks
 _MAX_SHOWN = 200  # characters
 _PNG = b"\x89PNG"
@@ -33,6 +34,7 @@ class Frame:
     number: number of the frame in the listing.
     time_ns: time at the middle of the exposure [ns].
     exposure_s: exposure time [s], or None if unknown.
+    wall_time_ns: the same time on the wall clock [ns since 1970, UTC], or None if unknown.
     file: path of the image file.
     image: read-only uint8 array: of a JPEG the luma, shape (height, width); of a PNG grey values or
         RGB, shape (height, width, 3).
@@ -41,6 +43,7 @@ class Frame:
     number: int
     time_ns: int
     exposure_s: Optional[float]
+    wall_time_ns: Optional[int]
     file: Path
     image: np.ndarray = field(repr=False)
 
@@ -50,6 +53,7 @@ class _Row:
     number: int
     time_ns: int
     exposure_s: Optional[float]
+    wall_time_ns: Optional[int]
     file: Path
 
 
@@ -178,7 +182,9 @@ class Recording:
         if height is not None and height < image.shape[0] < height + _PADDING_LINES:
             if _first_bytes(row.file)[:4] != _PNG:
                 image = image[:height]  # hardware encoders pad JPEGs at the bottom
-        return Frame(row.number, row.time_ns, row.exposure_s, row.file, image)
+        return Frame(
+            row.number, row.time_ns, row.exposure_s, row.wall_time_ns, row.file, image
+        )
 
 
 class _Listing:
@@ -212,11 +218,16 @@ class _Listing:
                     f"{_HEADER}"
                 )
         for number, line in lines[1:]:
+            fields = _fields(line)
+            cut = number == lines[-1][0] and not text.endswith("\n")
+            # Its last digits may be missing.
+            if cut and self.columns[-1] == "wall_time_ns" and len(fields) == len(self.columns):
+                fields[-1] = ""
             try:
-                self._add(f"{self.csv}: line {number}: ", _fields(line))
+                self._add(f"{self.csv}: line {number}: ", fields)
             except Error:
                 # After a crash the listing may end in the middle of a line.
-                if number != lines[-1][0] or text.endswith("\n") or not self.rows:
+                if not cut or not self.rows:
                     raise
                 notices.append(f"{self.csv}: line {number} is cut off and skipped")
         if not self.rows:
@@ -232,6 +243,7 @@ class _Listing:
             _frame_number(values["frame"], place),
             _time_ns(values["timestamp_s"], place),
             _exposure_s(values.get("exposure_s", ""), place),
+            _wall_time_ns(values.get("wall_time_ns", ""), place),
             self.folder / _inside(values["file"], place),
         )
         if self.rows and row.number <= self.rows[-1].number:
@@ -268,7 +280,9 @@ def _frame_number(text, place):
 def _time_ns(text, place):
     """Nanoseconds, rounded half away from zero, as the program reads them."""
     try:
-        time_ns = int(Decimal(text).quantize(_NANOSECOND, ROUND_HALF_UP).scaleb(9))
+        time_ns = int(
+            Decimal(text).quantize(_NANOSECOND, ROUND_HALF_UP, _DECIMALS).scaleb(9, _DECIMALS)
+        )
         if _NUMBER.fullmatch(text) and abs(time_ns) <= _MAX_TIME_NS:
             return time_ns
     except (ArithmeticError, ValueError):
@@ -283,6 +297,16 @@ def _exposure_s(text, place):
         return float(text)
     raise Error(
         f"{place}exposure_s: {_shown(text)!r} is not a time above 0 and up to {_MAX_EXPOSURE_S:g} s"
+    )
+
+
+def _wall_time_ns(text, place):
+    if not text:
+        return None
+    if re.fullmatch(r"-?\d{1,19}", text, re.ASCII) and -(2**63) <= int(text) < 2**63:
+        return int(text)
+    raise Error(
+        f"{place}wall_time_ns: {_shown(text)!r} is not a whole number of nanoseconds since 1970 (UTC)"
     )
 
 

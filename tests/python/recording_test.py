@@ -1,5 +1,6 @@
 """Recording: frames with times, as `penumbra replay` reads them."""
 
+import decimal
 import shutil
 import struct
 import unittest
@@ -86,6 +87,12 @@ class Written(TestCase):
         self.assert_fails(penumbra.Error, "camera.yaml", lambda: recording.camera)
         self.assertIsNone(recording.groundtruth)
 
+    def test_times_do_not_depend_on_the_decimal_context(self):
+        with decimal.localcontext() as context:
+            context.prec = 3
+            frames = list(penumbra.Recording(self.write(HEADER + "0,12.3456789,frames/0.png\n")))
+        self.assertEqual(frames[0].time_ns, 12_345_678_900)
+
     def test_lines_that_are_wrong_are_named(self):
         row = "0,0.0,frames/0.png\n"
         self.fails("timestamps.csv: no such file", None)
@@ -107,10 +114,24 @@ class Written(TestCase):
             self.fails(f"exposure_s: '{bad}'", "frame,timestamp_s,file,exposure_s\n"
                        f"0,0,frames/0.png,{bad}\n")
 
+    def test_wall_clock_times_are_read(self):
+        header = "frame,timestamp_s,file,wall_time_ns\n"
+        folder = self.write(header + "0,0.0,frames/0.png,1795840177123456789\n"
+                            "1,0.1,frames/1.png,\n2,0.2,frames/2.png,-5\n")
+        self.assertEqual([frame.wall_time_ns for frame in penumbra.Recording(folder)],
+                         [1795840177123456789, None, -5])
+        self.assertIsNone(next(iter(penumbra.Recording(RECORDINGS / "tabletop"))).wall_time_ns)
+        folder = self.write(header + "0,0.0,frames/0.png,1795840177123456789\n"
+                            "1,0.1,frames/1.png,17958401", folder="cut")
+        self.assertEqual([frame.wall_time_ns for frame in penumbra.Recording(folder)],
+                         [1795840177123456789, None])
+        for bad in ("1.5", "x", "1e9", "9223372036854775808", "2026-11-28T04:29:37Z"):
+            self.fails(f"wall_time_ns: '{bad}'", header + f"0,0,frames/0.png,{bad}\n")
+
     def test_damaged_listings_are_read_or_refused(self):
         folder = self.write("")
-        good = "frame,timestamp_s,file,exposure_s\n" + "".join(
-            f"{i},{0.1 * i:.6f},frames/{i}.png,0.01\n" for i in range(3))
+        good = "frame,timestamp_s,file,exposure_s,wall_time_ns\n" + "".join(
+            f"{i},{0.1 * i:.6f},frames/{i}.png,0.01,{i}\n" for i in range(3))
         random = np.random.default_rng(6)
         pieces = [b"\0", b",", b"\n", b"\r", b"-", b"e9", b"9" * 5000, b"0" * 5000, b"nan", b"\xff",
                   b"\xd9\xa1", b"#", b"../", b"\x1b[31m", b" ", b"\xef\xbb\xbf", b"/"]
