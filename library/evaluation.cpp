@@ -58,7 +58,8 @@ Trajectory load_trajectory(const std::filesystem::path& file) {
     Trajectory loaded;
     for (const penumbra::StampedPose& pose :
          value_or_throw(penumbra::load_trajectory(file)).poses) {
-      loaded.push_back({pose.timestamp_ns, penumbra::to_public(pose.T_table_camera), {}});
+      loaded.push_back(
+          {pose.timestamp_ns, penumbra::to_public(pose.T_table_camera), pose.predicted_px});
     }
     return loaded;
   });

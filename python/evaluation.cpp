@@ -117,8 +117,9 @@ The functions that take a trajectory check the values.)")
             return unlocked([&] { return Trajectory{evaluation::load_trajectory(file)}; });
           },
           py::arg("file"),
-          "Reads a TUM file (timestamp tx ty tz qx qy qz qw), or ground truth of EuRoC. Raises "
-          "Error.")
+          "Reads a TUM file (timestamp tx ty tz qx qy qz qw), ground truth of EuRoC, or the "
+          "tracked "
+          "poses of a frame log (--frame-log FILE.csv) with predicted_px. Raises Error.")
       .def(
           "save",
           [](const Trajectory& self, const std::filesystem::path& file) {

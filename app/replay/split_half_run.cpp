@@ -45,7 +45,7 @@ Result<void> for_each_frame(const Recording& recording, InterruptWatch& interrup
     PENUMBRA_TRY_VOID(visit(index, *frame));
     progress.update(index + 1);
     if (interrupt.interrupted())
-      return fail("{}: ended early; nothing was reported", recording.folder.string());
+      return fail("{}: ended early, without a result", recording.folder.string());
   }
 }
 

@@ -242,6 +242,8 @@ class TrajectoryReader {
     }
     const bool commas = line.find(',') != std::string_view::npos;
     if (poses.empty()) {
+      if (line.starts_with('{'))
+        return fail("is JSON; give a TUM file, or a frame log in CSV (--frame-log FILE.csv)");
       if (FrameLogRows::is_header(line)) {
         PENUMBRA_TRY(frame_log_, FrameLogRows::make(line));
         return {};

@@ -19,11 +19,12 @@ using types::Pose;
 struct StampedPose {
   std::int64_t timestamp_ns = 0;
   Pose T_table_camera = {};
-  std::optional<double> predicted_px = {};  // predicted overlay error; not written to files
+  std::optional<double> predicted_px = {};  // predicted overlay error; not in TUM files
 };
 using Trajectory = std::vector<StampedPose>;  // times increase
 
-// Reads a TUM file (timestamp tx ty tz qx qy qz qw) or ground truth of EuRoC.
+// Reads a TUM file (timestamp tx ty tz qx qy qz qw), ground truth of EuRoC, or the tracked poses of
+// a frame log (--frame-log FILE.csv) with their predicted errors.
 [[nodiscard]] PENUMBRA_API Trajectory load_trajectory(const std::filesystem::path& file);
 // Writes a TUM file, as `penumbra replay --poses` does.
 PENUMBRA_API void save_trajectory(const std::filesystem::path& file, const Trajectory& trajectory);

@@ -27,6 +27,22 @@ evaluation::Trajectory estimate_of_tabletop() {
   return poses;
 }
 
+TEST(LibraryEvaluation, ReadsFrameLogWithPredictedErrors) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "log.csv";
+  std::ofstream(file) << "timestamp_s,group,state,tx,ty,tz,qx,qy,qz,qw,predicted_px\n"
+                         "0.5,table,tracked,0,0,1,1,0,0,0,0.25\n"
+                         "0.6,table,lost,,,,,,,,\n";
+  const evaluation::Trajectory poses = evaluation::load_trajectory(file);
+  ASSERT_EQ(poses.size(), 1U);
+  EXPECT_EQ(poses[0].timestamp_ns, 500'000'000);
+  EXPECT_EQ(poses[0].predicted_px, 0.25);
+  const std::filesystem::path lines = folder.path() / "log.jsonl";
+  std::ofstream(lines) << "{\"timestamp_s\": 0.5, \"state\": \"tracked\"}\n";
+  EXPECT_THAT(message_of([&] { std::ignore = evaluation::load_trajectory(lines); }),
+              HasSubstr("is JSON"));
+}
+
 TEST(LibraryEvaluation, EqualsEvaluateCommand) {
   const TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "estimated.tum";
