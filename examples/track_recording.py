@@ -23,6 +23,8 @@ def main(folder, file):
         # An image of a camera: a uint8 array, (height, width) in grey or (height, width, 3) in RGB;
         # of OpenCV, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).
         result = tracker.track(frame.image, frame.time_ns, frame.exposure_s)
+        for notice in result.notices:
+            print(notice, file=sys.stderr)
         table = result.table
         if table.state == "tracked":
             poses.append(frame.time_ns, table.pose, table.predicted_overlay_px)

@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cmath>
 #include <penumbra/tracking.hpp>
+#include <utility>
 
+#include "calib/survey/residual_watch.hpp"
 #include "core/geometry/tracking_reasons.hpp"
 #include "core/text/text.hpp"
 #include "library/support.hpp"
@@ -179,6 +181,7 @@ struct Tracker::Impl {
   GroupTracker tracker;
   penumbra::CameraModel camera;
   penumbra::TagMap map;
+  std::unique_ptr<ResidualWatch> residual_watch;
   std::uint64_t frames = 0;
   std::int64_t last_ns = 0;  // meaningful once a frame was tracked
 };
@@ -195,7 +198,7 @@ Tracker::Tracker(const CameraModel& camera, const TagMap& tags, const Options& o
         return std::make_unique<Impl>(
             Impl{value_or_throw(
                      GroupTracker::create(model, map, checked_options(options), options.groups)),
-                 model, map});
+                 model, map, value_or_throw(ResidualWatch::create(model, map))});
       })) {}
 
 TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
@@ -222,10 +225,12 @@ TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
   frame.exposure_s = exposure_s;
   frame.sequence = m.frames;
   return guarded([&] {
-    const penumbra::TrackedFrame tracked = m.tracker.track(frame);
+    penumbra::TrackedFrame tracked = m.tracker.track(frame);
     ++m.frames;
     m.last_ns = timestamp_ns;
     TrackedFrame result;
+    result.notices = m.residual_watch->observe(tracked);
+    m.tracker.set_map_sigma(m.residual_watch->map_sigma_m());
     result.timestamp_ns = timestamp_ns;
     fill(tracked.pose, result.table);
     result.table.T_table_camera = penumbra::to_public(tracked.pose.T_table_camera);
@@ -246,7 +251,9 @@ void Tracker::set_tag_map(const TagMap& tags) {
   guarded([&] {
     const penumbra::TagMap& map = Access::map_of(tags);
     check_same_tags(impl_->map, map);
+    auto residual_watch = value_or_throw(ResidualWatch::create(impl_->camera, map));
     throw_if_failed(impl_->tracker.set_map(impl_->camera, map));
+    impl_->residual_watch = std::move(residual_watch);
   });
 }
 

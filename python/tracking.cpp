@@ -214,6 +214,10 @@ void bind_frames(py::module_& module) {
             return groups;
           },
           "GroupEstimates by the name of the group, in the order of the tag map.")
+      .def_readonly(
+          "notices", &TrackedFrame::notices,
+          R"(What the frames so far show to be wrong, each cause once: the tag map, the lens
+or the row time, with the size of the error and the remedy.)")
       .def("__repr__", [](const TrackedFrame& frame) {
         return py::str("<penumbra.TrackedFrame at {} ns: {}, {} groups>")
             .format(frame.timestamp_ns, summary(frame.table), frame.groups.size());
@@ -254,8 +258,8 @@ void bind_tracking(py::module_& module) {
   py::class_<Tracker>(module, "Tracker", R"(Tracks the tags through the frames of one camera.
 
 The same frames give the same poses, bit for bit, as `penumbra replay`, except with the search
-'when_done', and after `replay` has reported a systematic error of the tag map. Other Python threads
-run while it computes. One thread at a time may use an object; a second one gets an Error.)")
+'when_done'. Other Python threads run while it computes. One thread at a time may use an object; a
+second one gets an Error.)")
       .def(py::init(&make_tracker), py::arg("camera"), py::arg("tags"), py::kw_only(),
            py::arg("mode") = "auto", py::arg("pose_budget_px") = 0.0,
            py::arg("search") = "next_frame", py::arg("search_thread") = false,

@@ -18,12 +18,12 @@
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
-#include "app/session/residual_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/stall_display.hpp"
 #include "app/window/viewer.hpp"
+#include "calib/survey/residual_watch.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -205,7 +205,8 @@ class LiveLoop {
     TrackedFrame tracked = setup_.session->track(frame);
     image_faults_.observe(tracked);
     // Before the map changes: this frame's pose comes from the previous map.
-    setup_.residual_watch->observe(tracked);
+    for (const std::string& notice : setup_.residual_watch->observe(tracked))
+      log_warning("{}", notice);
     setup_.session->set_map_sigma(setup_.residual_watch->map_sigma_m());
     refine_map(tracked);
     return tracked;

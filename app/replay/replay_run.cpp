@@ -20,11 +20,11 @@
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
-#include "app/session/residual_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
+#include "calib/survey/residual_watch.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
@@ -302,7 +302,8 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   if (image_faults_) image_faults_->observe(done);
   // Before the map changes: this frame's pose comes from the previous map.
   if (setup_.residual_watch) {
-    setup_.residual_watch->observe(done);
+    for (const std::string& notice : setup_.residual_watch->observe(done))
+      log_warning("{}", notice);
     setup_.view->set_map_sigma(setup_.residual_watch->map_sigma_m());
   }
   if (refinement_) {

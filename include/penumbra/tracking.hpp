@@ -137,12 +137,17 @@ struct TrackedFrame {
   std::int64_t timestamp_ns = 0;
   TableEstimate table;
   std::vector<GroupEstimate> groups;  // in the order of the tag map
+  // What the frames so far show to be wrong, each cause once: the tag map, the lens or the row time
+  // (docs/tracking.md#systematic-errors), with the size of the error and the remedy.
+  std::vector<std::string> notices;
 };
 
 // Tracks the tags through the frames of one camera. The same frames give the same poses, bit for
-// bit, as `penumbra replay` (except with Search::when_done, and after `replay` has reported a
-// systematic error of the tag map). Use an object from one thread at a time; different objects are
-// independent. A moved-from object can only be assigned to or destroyed; its functions throw.
+// bit, as `penumbra replay` (except with Search::when_done). While it tracks, it tests whether the
+// tag map, the lens or the row time is wrong. Such an error is then part of the predicted overlay
+// error, and poses become uncertain if that is 2 px or more. Use an object from one thread at a
+// time; different objects are independent. A moved-from object can only be assigned to or
+// destroyed; its functions throw.
 class PENUMBRA_API Tracker {
  public:
   // Throws if no tag belongs to the group "table", or for an option out of range.

@@ -21,8 +21,11 @@ class PosesOfReplay(TestCase):
         recording = penumbra.Recording(folder)
         tracker = penumbra.Tracker(recording.camera, recording.tags, mode=mode)
         found = penumbra.Trajectory()
+        self.notices = []
         for frame in recording[:frames]:
-            table = tracker.track(frame.image, frame.time_ns, frame.exposure_s).table
+            result = tracker.track(frame.image, frame.time_ns, frame.exposure_s)
+            self.notices += result.notices
+            table = result.table
             if table.state == "tracked":
                 found.append(frame.time_ns, table.pose)
         # The numbers of the file; load() would normalise the quaternions again.
@@ -52,6 +55,12 @@ class PosesOfReplay(TestCase):
                            ("still", "detect")]:
             with self.subTest(recording=name, mode=mode):
                 self.check(shared_recording(name), mode, 30)
+
+    def test_of_recordings_with_systematic_errors(self):
+        for name in ["bent", "rolling", "lens"]:
+            with self.subTest(recording=name):
+                self.check(shared_recording(name), "auto", 60)
+                self.assertTrue(self.notices)
 
 
 class TrackedFrames(TestCase):

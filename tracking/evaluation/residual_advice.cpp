@@ -32,8 +32,7 @@ std::string advice(ErrorCause cause, const CauseSizes& sizes, double given_row_s
     case ErrorCause::lens:
       return lens_difference(sizes) +
              " the camera file: penumbra calibrate, or --refine-map with --refine-camera of replay "
-             "or "
-             "live, or penumbra map --refine-camera";
+             "or live, or penumbra map --refine-camera";
     case ErrorCause::shutter: {
       const double row_s = given_row_s + sizes.row_time_s;
       if (!(row_s > 0.0)) {

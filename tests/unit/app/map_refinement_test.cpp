@@ -3,9 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <tuple>
 #include <vector>
 
-#include "app/session/residual_watch.hpp"
+#include "calib/survey/residual_watch.hpp"
 #include "support/aligned_map.hpp"
 #include "support/hand_held_session.hpp"
 #include "support/rolling_camera.hpp"
@@ -32,7 +33,7 @@ Refined refine(const test::Session& session, const CameraModel& camera,
   Refined result;
   for (int f = 0; f < kFrames; ++f) {
     TrackedFrame tracked = tracker.track(session.image(renderer, f));
-    watch->observe(tracked);
+    std::ignore = watch->observe(tracked);
     if (const auto refined = refinement.observe(tracked, watch->latest())) {
       EXPECT_TRUE(tracker.set_map(refined->camera, refined->map));
       EXPECT_TRUE(watch->restart(refined->camera, refined->map));

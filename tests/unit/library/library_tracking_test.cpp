@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <set>
 #include <tuple>
 #include <utility>
 
@@ -85,6 +86,69 @@ TEST_P(LibraryTrackerReplay, PosesEqualThoseOfReplayBitForBit) {
     EXPECT_NEAR(found[i][0], expected[i][0], 1e-9);  // the time, in decimal seconds
     for (std::size_t k = 1; k < found[i].size(); ++k) EXPECT_EQ(found[i][k], expected[i][k]);
   }
+}
+
+// A wrong focal length makes the same frames uncertain as in replay, and is named once.
+TEST(LibraryTracker, FindsWrongLensAsReplayDoes) {
+  constexpr int kFrames = 60;
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "wrong.yaml";
+  const std::filesystem::path poses = folder.path() / "poses.tum";
+  types::CameraParameters parameters = camera_of("tabletop").parameters();
+  parameters.fx *= 1.01;
+  parameters.fy *= 1.01;
+  types::CameraModel(parameters).save(file);
+  const ProgramResult replay =
+      run_program(program(), {"replay", (recordings_dir() / "tabletop").string(), "--frames",
+                              "0:" + std::to_string(kFrames), "--no-window", "--calibration",
+                              file.string(), "--poses", poses.string()});
+  ASSERT_EQ(replay.exit_code, 0) << replay.err;
+
+  tracking::Tracker tracker(types::CameraModel::load(file), tags_of("tabletop"));
+  std::vector<Numbers> found;
+  std::vector<std::string> notices;
+  int uncertain = 0;
+  for (const auto& [timestamp_ns, image] : recorded_images("tabletop", kFrames)) {
+    const tracking::TrackedFrame frame = tracker.track(image.view(), timestamp_ns);
+    notices.insert(notices.end(), frame.notices.begin(), frame.notices.end());
+    if (frame.table.state == tracking::State::tracked)
+      found.push_back(numbers_of(timestamp_ns, frame.table.T_table_camera));
+    uncertain += frame.table.state == tracking::State::uncertain ? 1 : 0;
+  }
+  EXPECT_GT(uncertain, 20);
+  ASSERT_FALSE(notices.empty());
+  for (const std::string& notice : notices) EXPECT_THAT(replay.err, HasSubstr(notice));
+  EXPECT_EQ(std::set<std::string>(notices.begin(), notices.end()).size(), notices.size());
+  const std::vector<Numbers> expected = numbers_in(poses);
+  ASSERT_EQ(found.size(), expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    for (std::size_t k = 1; k < found[i].size(); ++k) EXPECT_EQ(found[i][k], expected[i][k]);
+  }
+}
+
+// A map with a displaced tag is noticed; a right one in its place ends that.
+TEST(LibraryTracker, ForgetsWrongMapIfAnotherIsSet) {
+  const tracking::TagMap right = tags_of("tabletop");
+  std::vector<tracking::Tag> tags = right.tags();
+  for (std::size_t i = 0; i < tags.size(); ++i)
+    tags[i].T_table_tag.position[2] += i % 2 == 0 ? 0.002 : -0.002;
+  tracking::Tracker tracker(camera_of("tabletop"), tracking::TagMap(tags));
+  int noticed = 0;
+  int frames = 0;
+  for (const auto& [timestamp_ns, image] : recorded_images("tabletop", 100)) {
+    const tracking::TrackedFrame frame = tracker.track(image.view(), timestamp_ns);
+    ++frames;
+    noticed += static_cast<int>(frame.notices.size());
+    if (frames == 50) {
+      EXPECT_GT(noticed, 0);
+      noticed = 0;
+      tracker.set_tag_map(right);
+    }
+    if (frames > 55) {
+      EXPECT_EQ(frame.table.state, tracking::State::tracked) << frames;
+    }
+  }
+  EXPECT_EQ(noticed, 0);
 }
 
 // A recording's first frame as luma without padding.

@@ -1,4 +1,6 @@
-#include "app/session/residual_watch.hpp"
+#include "calib/survey/residual_watch.hpp"
+
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <array>
@@ -8,7 +10,6 @@
 #include <string_view>
 #include <utility>
 
-#include "app/logging.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/propagate.hpp"
 #include "tracking/pose_confidence.hpp"
@@ -103,7 +104,8 @@ Result<void> ResidualWatch::restart(const CameraModel& camera, const TagMap& map
   return {};
 }
 
-void ResidualWatch::observe(TrackedFrame& tracked) {
+std::vector<std::string> ResidualWatch::observe(TrackedFrame& tracked) {
+  std::vector<std::string> notices;
   const Frame& frame = tracked.frame;
   TimedPose here{frame.timestamp_ns, std::nullopt};
   if (is_located(tracked.pose)) here.pose = as_map_pose(tracked.pose.T_table_camera);
@@ -111,11 +113,12 @@ void ResidualWatch::observe(TrackedFrame& tracked) {
     const TimedPose* before = latest_->before ? &*latest_->before : nullptr;
     frames_.back().velocity = velocity_at(before, latest_->here, &here);
     latest_.reset();
-    if (std::ranges::find(kTests, frames_.size()) != kTests.end()) test();
+    if (std::ranges::find(kTests, frames_.size()) != kTests.end()) notices = test();
   }
   if (here.pose && wants_frames() && shows_another_view(*here.pose)) measure(frame, here);
   previous_ = here;
   add_error(tracked.pose);
+  return notices;
 }
 
 bool ResidualWatch::wants_frames() const {
@@ -139,40 +142,44 @@ void ResidualWatch::measure(const Frame& frame, const TimedPose& here) {
   latest_ = Neighbours{previous_, here};
 }
 
-void ResidualWatch::test() {
+std::vector<std::string> ResidualWatch::test() {
   const ResidualCauses causes = find_residual_causes(camera_, tags_, frames_);
   latest_causes_ = causes;
   const bool any = causes.pose_px > 0.0 && std::isfinite(causes.pose_px);
   // Few frames may fail to confirm what fewer frames have shown.
-  if (!any && frames_.size() < kDecisiveFrames) return;
+  if (!any && frames_.size() < kDecisiveFrames) return {};
   error_px_ = any ? causes.pose_px : 0.0;
   error_text_ = names_of(causes);
   map_sigma_m_ = any && causes.of(ErrorCause::paper).significant
                      ? std::hypot(causes.sizes.off_flat_m, causes.sizes.in_plane_m) / std::sqrt(3.0)
                      : 0.0;
-  if (any) log_causes(causes);
-  const std::lock_guard lock(mutex_);
-  found_ = any ? std::optional(causes) : std::nullopt;
+  {
+    const std::lock_guard lock(mutex_);
+    found_ = any ? std::optional(causes) : std::nullopt;
+  }
+  return any ? new_notices(causes) : std::vector<std::string>();
 }
 
-void ResidualWatch::log_causes(const ResidualCauses& causes) {
+std::vector<std::string> ResidualWatch::new_notices(const ResidualCauses& causes) {
+  std::vector<std::string> notices;
   const double given_row_s = camera_.parameters().rolling_shutter_row_s.value_or(0.0);
   bool significant = false;
   for (std::size_t i = 0; i < kErrorCauses; ++i) {
     if (!causes.evidence[i].significant) continue;
     significant = true;
-    if (std::exchange(logged_[i], true)) continue;
-    log_warning("{} (displaces the overlay by about {:.1f} px)",
-                advice(static_cast<ErrorCause>(i), causes.sizes, given_row_s),
-                causes.evidence[i].overlay_px);
+    if (std::exchange(noticed_[i], true)) continue;
+    notices.push_back(fmt::format("{} (displaces the overlay by about {:.1f} px)",
+                                  advice(static_cast<ErrorCause>(i), causes.sizes, given_row_s),
+                                  causes.evidence[i].overlay_px));
   }
-  if (significant || std::exchange(logged_unclear_, true)) return;
-  log_warning(
+  if (significant || std::exchange(noticed_unclear_, true)) return notices;
+  notices.push_back(fmt::format(
       "the tag corners have a systematic residual of {:.2f} px, which displaces the overlay by "
       "about {:.1f} px; the {} seems wrong: --refine-map with --refine-camera of replay or live, "
       "or "
       "penumbra map --refine-camera",
-      causes.rms_px, causes.pose_px, error_text_);
+      causes.rms_px, causes.pose_px, error_text_));
+  return notices;
 }
 
 void ResidualWatch::add_error(PoseEstimate& pose) const {

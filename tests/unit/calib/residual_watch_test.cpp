@@ -1,9 +1,14 @@
-#include "app/session/residual_watch.hpp"
+#include "calib/survey/residual_watch.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
+#include <set>
+#include <string>
+#include <tuple>
+#include <vector>
 
 #include "support/hand_held_session.hpp"
 #include "support/synthetic_view.hpp"
@@ -17,6 +22,7 @@ constexpr int kWatchedFrames = 40;
 
 struct Watched {
   std::optional<ResidualCauses> found;
+  std::vector<std::string> notices;
   int first_found = -1;      // number of frames until the first cause was found
   int tracked = 0;           // tracked frames after that
   int confident_errors = 0;  // of these, frames with more than 3 times the predicted error
@@ -32,7 +38,7 @@ Watched watch(const test::Session& session, const CameraModel& camera,
   Watched result;
   for (int i = 0; i < kWatchedFrames; ++i) {
     TrackedFrame frame = tracker.track(session.image(renderer, i));
-    residuals->observe(frame);
+    for (const std::string& notice : residuals->observe(frame)) result.notices.push_back(notice);
     if (residuals->found() && result.first_found < 0) result.first_found = i + 1;
     if (result.first_found >= 0 && frame.pose.status == TrackStatus::tracked) {
       const double error_px =
@@ -48,7 +54,9 @@ Watched watch(const test::Session& session, const CameraModel& camera,
 TEST(ResidualWatch, FindsNothingIfMapAndCameraAreRight) {
   for (int seed = 1; seed <= (test::nightly() ? 40 : 3); ++seed) {
     const test::Session session = test::hand_held_session(static_cast<std::uint64_t>(seed));
-    EXPECT_FALSE(watch(session, session.camera, session.tags).found) << seed;
+    const Watched watched = watch(session, session.camera, session.tags);
+    EXPECT_FALSE(watched.found) << seed;
+    EXPECT_TRUE(watched.notices.empty()) << seed;
   }
 }
 
@@ -76,6 +84,9 @@ TEST(ResidualWatch, FindsCurvedSheetWithin30Frames) {
   EXPECT_LE(watched.first_found, 30);
   EXPECT_TRUE(watched.found->of(ErrorCause::paper).significant);
   EXPECT_EQ(watched.confident_errors, 0);
+  EXPECT_THAT(watched.notices, testing::Contains(testing::HasSubstr("penumbra map")));
+  const std::set<std::string> different(watched.notices.begin(), watched.notices.end());
+  EXPECT_EQ(different.size(), watched.notices.size()) << "each cause is reported once";
 }
 
 TEST(ResidualWatch, FindsRollingShutterWithin30Frames) {
@@ -105,7 +116,7 @@ TEST(ResidualWatch, IgnoresFramesWithoutPoseAndNonFiniteNumbers) {
     frame.pose.status = i % 2 == 0 ? TrackStatus::tracked : TrackStatus::lost;
     frame.pose.tags_used = i % 4;
     frame.pose.predicted_overlay_error_px = nan;
-    residuals->observe(frame);
+    EXPECT_TRUE(residuals->observe(frame).empty());
     EXPECT_FALSE(residuals->found());
   }
 }
@@ -140,7 +151,7 @@ TEST(ResidualWatch, ForgetsCausesOfPreviousMap) {
   int frame = 0;
   for (; frame < kWatchedFrames && !residuals->found(); ++frame) {
     TrackedFrame tracked = tracker.track(session.image(renderer, frame));
-    residuals->observe(tracked);
+    std::ignore = residuals->observe(tracked);
   }
   ASSERT_TRUE(residuals->found());
   ASSERT_TRUE(tracker.set_map(session.camera, right));
@@ -148,7 +159,7 @@ TEST(ResidualWatch, ForgetsCausesOfPreviousMap) {
   EXPECT_FALSE(residuals->found());
   for (int i = 0; i < kWatchedFrames; ++i, ++frame) {
     TrackedFrame tracked = tracker.track(session.image(renderer, frame));
-    residuals->observe(tracked);
+    EXPECT_TRUE(residuals->observe(tracked).empty()) << i;
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked) << i;
     EXPECT_NE(tracked.pose.reason.cause, PoseCause::systematic_error) << i;
   }

@@ -27,10 +27,11 @@ class ResidualWatch {
                                                                      const TagMap& tags);
 
   // Call this for every tracked frame in order. Measures the corners of the tags in up to
-  // kMaxFrames frames from different views, and tests their residuals. Logs each cause
-  // once, with the remedy. Adds the overlay error because of the causes to the predicted error of
-  // the table's pose. If the sum is too large, the pose becomes uncertain.
-  void observe(TrackedFrame& tracked);
+  // kMaxFrames frames from different views, and tests their residuals. Adds the overlay error
+  // because of the causes to the predicted error of the table's pose. If the sum is too large, the
+  // pose becomes uncertain. Returns a notice for each cause that was found for the first time, with
+  // the remedy.
+  [[nodiscard]] std::vector<std::string> observe(TrackedFrame& tracked);
   static constexpr int kMaxFrames = 64;
 
   // Continues with another map of the same tags and another row time of the same camera; forgets
@@ -59,8 +60,8 @@ class ResidualWatch {
   [[nodiscard]] bool wants_frames() const;
   [[nodiscard]] bool shows_another_view(const MapFromCamera& pose) const;
   void measure(const Frame& frame, const TimedPose& here);
-  void test();
-  void log_causes(const ResidualCauses& causes);
+  [[nodiscard]] std::vector<std::string> test();
+  [[nodiscard]] std::vector<std::string> new_notices(const ResidualCauses& causes);
   void add_error(PoseEstimate& pose) const;
 
   CameraModel camera_;
@@ -71,8 +72,8 @@ class ResidualWatch {
   int failures_ = 0;                       // frames in which too few tags could be measured
   std::optional<TimedPose> previous_;      // of the previous frame
   std::optional<Neighbours> latest_;       // of frames_.back(), until the next frame
-  std::array<bool, kErrorCauses> logged_{};
-  bool logged_unclear_ = false;
+  std::array<bool, kErrorCauses> noticed_{};
+  bool noticed_unclear_ = false;
   std::vector<std::uint8_t> scratch_;
   double error_px_ = 0.0;     // overlay error of the causes that were found
   double map_sigma_m_ = 0.0;  // see map_sigma_m()
