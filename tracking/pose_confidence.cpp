@@ -16,8 +16,11 @@ constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
 constexpr double kSpreadBias_px = 0.1;  // bias of an edge whose point spread overlaps the next edge
 constexpr double kPartsOfTag = 8.0;     // number of edge groups with independent kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
-// Error of the mean pose during an exposure, divided by ImageMotion::unpredicted_px.
+// Error of the mean pose during an exposure, divided by ImageMotion::unpredicted_px, if the
+// exposure lasts until the next frame.
 constexpr double kExposureShare = 1.0 / 24.0;
+// RMS of the square of a number that is uniformly distributed from 0 to 1: 1 / sqrt(5).
+constexpr double kUniformSquare = 0.4472135954999579;
 // Sigma of a uniform blur of unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
 
@@ -119,11 +122,15 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   const double predicted_px =
       predicted_overlay_error_px(group.camera, result.T_map_camera, pose.covariance);
   if (predicted_px > 0.0 && std::isfinite(predicted_px)) {
-    const double blur_px =
-        std::min(kBlurShare * std::hypot(motion.predicted_px, motion.unpredicted_px), pose.rms_px);
-    const double systematic_px = std::hypot(
-        group.camera.parameters().tone_curve ? 0.0 : kToneBias_px,
-        kExposureShare * motion.unpredicted_px, std::hypot(blur_px, motion.blur.shift_px));
+    const double excess_px = motion.sharp.excess_px(pose.rms_px);
+    const double blur_px = std::min(kBlurShare * motion.longest_blur_px(), excess_px);
+    const bool is_sharp = excess_px == 0.0;
+    const double exposure_px = (is_sharp && !motion.exposure.known ? kUniformSquare : 1.0) *
+                               std::pow(motion.exposure.of_interval, 2) * kExposureShare *
+                               motion.unpredicted_px;
+    const double systematic_px =
+        std::hypot(group.camera.parameters().tone_curve ? 0.0 : kToneBias_px, exposure_px,
+                   std::hypot(blur_px, motion.blur.shift_px));
     pose.covariance *= 1.0 + systematic_px * systematic_px / (predicted_px * predicted_px);
   }
   return pose;

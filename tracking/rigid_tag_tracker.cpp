@@ -52,6 +52,7 @@ struct RigidTagTracker::Impl {
   CornerSearch corners;
   PoseHistory history = {};
   Following state = {};
+  SharpResiduals sharp_residuals = {};
   bool found_inconsistent = false;  // the tags found by the latest search are inconsistent
   double map_sigma_m = 0.0;         // AlignmentInput::map_sigma_m
   TrackTimes times = {};
@@ -86,6 +87,8 @@ struct RigidTagTracker::Impl {
   void choose_effort(double motion_px);
   void set_effort(bool every_pixel);
   void record_work(const AlignmentResult& result);
+  // Adds the pose's residual to sharp_residuals unless motion may have blurred the image.
+  void learn_residual(const RefinedPose& pose, const ImageMotion& image_motion);
 };
 
 AssessedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason) const {
@@ -162,6 +165,12 @@ void RigidTagTracker::Impl::record_work(const AlignmentResult& result) {
                        !(options.pose_budget_px > 0.0);
 }
 
+void RigidTagTracker::Impl::learn_residual(const RefinedPose& pose,
+                                           const ImageMotion& image_motion) {
+  if (image_motion.longest_blur_px() < kBlurs_px && image_motion.blur.shift_px == 0.0)
+    sharp_residuals.add(pose.rms_px);
+}
+
 // Returns the input of an alignment that starts at `pose`, with an uninformative prior.
 AlignmentInput RigidTagTracker::Impl::input_from(const MapFromCamera& pose) const {
   AlignmentInput input;
@@ -202,7 +211,8 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   // If few tags at an unconfirmed hint fit, the map may be wrong, which a search would reveal.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible)
     return std::nullopt;
-  ImageMotion motion{motion_px, 0.0, {}};
+  ImageMotion motion{
+      motion_px, 0.0, exposure_of(frame, history.frame_interval_s()), {}, sharp_residuals};
   if (from_hint && result.verified) {
     alignment.input.predicted = result.T_map_camera;
     alignment.input.covariance = uninformative_covariance();
@@ -210,6 +220,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     alignment.run();
     record_work(result);
     motion = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells);
+    motion.sharp = sharp_residuals;
   } else if (result.verified) {
     motion.blur = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // Blur and tilt of a few distant tags may look alike.
@@ -221,6 +232,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   }
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (!best) return std::nullopt;
+  learn_residual(*best, motion);
   Followed followed{{}, *best, result.covariance, result.velocity};
   set_aligned_pose(group, alignment, *best, followed.measurement);
   followed.measurement.rejected = state.consensus.rejected();
@@ -325,10 +337,12 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   measurement.rejected = consensus.rejected();
   const AlignmentResult& result = alignment.result;
   record_work(result);
-  const ImageMotion motion =
+  ImageMotion motion =
       estimate_motion(history, group.camera, frame, alignment, kDetectedBlur_cells);
+  motion.sharp = sharp_residuals;
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (best) {
+    learn_residual(*best, motion);
     set_aligned_pose(group, alignment, *best, measurement);
     state.last_tags = result.tags_verified;
     // Uses every pixel until the velocity is known, except in rounds that start far away.

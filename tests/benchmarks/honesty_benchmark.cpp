@@ -40,7 +40,7 @@ struct Group {
 int main(int argc, char** argv) {
   int sessions = 40;
   int first = 1;
-  int frames = 4;
+  int frames = 16;
   bool csv = false;
   bool near = false;
   double moved_share = 0.0;

@@ -1,6 +1,7 @@
 #include "tracking/motion/motion_blur.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -11,6 +12,8 @@ namespace penumbra {
 namespace {
 
 constexpr double kMotionInterval_s = 1.0 / 30.0;
+// With a longer interval, frames were probably dropped rather than exposed longer.
+constexpr double kMaxExposure_s = 1.0 / 30.0;
 // Assumed image motion of a frame without an earlier pose [px].
 constexpr double kUnknownMotion_px = 5.0;
 
@@ -20,6 +23,34 @@ double moved_px(const CameraModel& camera, const MapFromCamera& pose, const Vect
 
 }  // namespace
 
+void SharpResiduals::add(double rms_px) {
+  if (!(rms_px > 0.0)) return;
+  smallest_px_ = std::min(smallest_px_, rms_px);
+  ++count_;
+}
+
+double SharpResiduals::excess_px(double rms_px) const {
+  constexpr int kEnough = 8;
+  constexpr double kScatter = 1.2;  // usual residual of a sharp image over the smallest
+  if (count_ < kEnough || std::isnan(rms_px)) return rms_px;
+  const double sharp_px = kScatter * smallest_px_;
+  return rms_px > sharp_px ? std::sqrt(rms_px * rms_px - sharp_px * sharp_px) : 0.0;
+}
+
+ExposureFractions exposure_of(const Frame& frame, double frame_interval_s) {
+  const double interval_s = frame_interval_s > 0.0 ? frame_interval_s : kMaxExposure_s;
+  const double exposure_s = frame.exposure_s.value_or(std::min(interval_s, kMaxExposure_s));
+  ExposureFractions fractions;
+  fractions.of_motion = exposure_s / kMotionInterval_s;
+  fractions.of_interval = std::min(exposure_s / interval_s, 1.0);
+  fractions.known = frame.exposure_s.has_value();
+  return fractions;
+}
+
+double ImageMotion::longest_blur_px() const {
+  return exposure.of_motion * std::hypot(predicted_px, unpredicted_px);
+}
+
 double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
                        const Vector6d& velocity) {
   return moved_px(camera, pose, kMotionInterval_s * velocity);
@@ -28,15 +59,14 @@ double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
 ImageMotion estimate_motion(const PoseHistory& history, const CameraModel& camera,
                             const Frame& frame, const Alignment& alignment, double longest_cells) {
   const AlignmentResult& result = alignment.result;
-  ImageMotion found{kUnknownMotion_px, kUnknownMotion_px, {}};
+  ImageMotion found{
+      kUnknownMotion_px, kUnknownMotion_px, exposure_of(frame, history.frame_interval_s()), {}, {}};
   if (!result.verified) return found;
   const auto motion = history.motion_at(frame.timestamp_ns, result.T_map_camera);
   if (!motion) {
     found.blur = alignment.aligner.motion_blur_error(std::nullopt, false, longest_cells);
     return found;
   }
-  // With a longer interval, assumes dropped frames rather than a longer exposure.
-  constexpr double kMaxExposure_s = 1.0 / 30.0;
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
       std::min(frame.exposure_s.value_or(std::min(interval_s, kMaxExposure_s)), interval_s);
