@@ -7,6 +7,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <penumbra/error.hpp>
@@ -14,6 +15,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -159,10 +161,30 @@ class Busy {
   std::atomic<bool>& flag_;
 };
 
+// Set by the module when the interpreter begins to end.
+inline std::atomic<bool> interpreter_ends = false;
+
+// Releases the global interpreter lock. While the interpreter ends, Python would end a daemon
+// thread that takes the lock again by unwinding its stack, which can abort the process. Such a
+// thread waits for the end of the process instead.
+class Unlocked {
+ public:
+  Unlocked() : state_(PyEval_SaveThread()) {}
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+  ~Unlocked() noexcept(false) {
+    while (interpreter_ends) std::this_thread::sleep_for(std::chrono::hours(1));
+    PyEval_RestoreThread(state_);
+  }
+
+ private:
+  PyThreadState* state_;
+};
+
 // Runs a function of the library without the global interpreter lock.
 template <class Function>
 decltype(auto) unlocked(Function&& function) {
-  const py::gil_scoped_release release;
+  const Unlocked release;
   return std::forward<Function>(function)();
 }
 

@@ -130,7 +130,7 @@ date: '2026-03-01', or ''. format: 'ros', 'opencv' or 'kalibr'. Raises Error.)")
 
 void bind_calibration(py::module_& module) {
   py::class_<Target>(module, "Target", "A calibration target. Immutable; threads may share it.")
-      .def_static("load", &Target::load, py::arg("file"), py::call_guard<py::gil_scoped_release>(),
+      .def_static("load", &Target::load, py::arg("file"), py::call_guard<Unlocked>(),
                   R"(Reads what `penumbra target` writes.
 
 A tags.yaml, or a target.yaml of a chessboard, a ChArUco board or an AprilGrid (Kalibr's format).

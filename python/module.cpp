@@ -79,4 +79,5 @@ PYBIND11_MODULE(_penumbra, module) {
   bind_calibration(module);
   bind_evaluation(module);
   module.attr("__name__") = name;
+  py::module_::import("atexit").attr("register")(py::cpp_function([] { interpreter_ends = true; }));
 }

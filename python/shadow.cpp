@@ -136,9 +136,9 @@ unit_m: length of the file's unit [m]. Raises Error.)")
 
 For each vertex, the point from which the layers grow and to which the umbra shrinks. They depend on
 the model and on the direction that points up from the plane. Immutable; threads may share it.)")
-      .def_static("load", &Kernels::load, py::arg("file"), py::call_guard<py::gil_scoped_release>(),
+      .def_static("load", &Kernels::load, py::arg("file"), py::call_guard<Unlocked>(),
                   "Reads a kernel file (JSON). Raises Error.")
-      .def("save", &Kernels::save, py::arg("file"), py::call_guard<py::gil_scoped_release>(),
+      .def("save", &Kernels::save, py::arg("file"), py::call_guard<Unlocked>(),
            "Writes a kernel file (JSON). Raises Error.")
       .def_property_readonly(
           "up", [](const Kernels& kernels) { return array_of(kernels.up()); },

@@ -100,9 +100,9 @@ Table frame: origin at the board's centre, x right, y up on the sheet, z out of 
 
 Raises Error for an empty list, an unknown family, a repeated tag, a size that is not positive, or a
 pose that is not finite.)")
-      .def_static("load", &TagMap::load, py::arg("file"), py::call_guard<py::gil_scoped_release>(),
+      .def_static("load", &TagMap::load, py::arg("file"), py::call_guard<Unlocked>(),
                   "Reads a tags.yaml. Raises Error.")
-      .def("save", &TagMap::save, py::arg("file"), py::call_guard<py::gil_scoped_release>(),
+      .def("save", &TagMap::save, py::arg("file"), py::call_guard<Unlocked>(),
            "Writes a tags.yaml, from which load() reads the same numbers. Raises Error.")
       .def_property_readonly("tags", &TagMap::tags, "The tags, in the order of the map.")
       .def("__len__", [](const TagMap& map) { return map.tags().size(); })

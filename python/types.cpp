@@ -212,7 +212,7 @@ overlay_sigma_px: overlay error (1 sigma) due to the lens [px].
 
 Raises Error if a number is not finite or out of range.)")
       .def_static("load", &CameraModel::load, py::arg("file"), py::arg("name") = "",
-                  py::call_guard<py::gil_scoped_release>(), R"(Reads a camera file.
+                  py::call_guard<Unlocked>(), R"(Reads a camera file.
 
 Reads camera_info YAML of ROS, YAML, JSON and XML of OpenCV, camchain.yaml of Kalibr and
 .cameramodel of mrcal. `name` selects one of several cameras. Raises Error.)")

@@ -1,6 +1,7 @@
 """Other Python threads run while the library computes, and objects refuse a second thread."""
 
 import itertools
+import subprocess
 import sys
 import threading
 import time
@@ -103,6 +104,31 @@ class InterpreterLock(TestCase):
         for thread in threads:
             thread.join()
         self.assertEqual(together, [alone] * 3)
+
+
+class DaemonThread(TestCase):
+    def test_does_not_abort_the_end_of_the_interpreter(self):
+        script = f"""
+import threading, time
+import penumbra
+recording = penumbra.Recording({str(TABLETOP)!r})
+tracker = penumbra.Tracker(recording.camera, recording.tags, mode="detect")
+image = recording[0].image
+tracked = threading.Event()
+def track():
+    time_ns = 0
+    while True:
+        tracker.track(image, time_ns)
+        time_ns += 1
+        tracked.set()
+threading.Thread(target=track, daemon=True).start()
+tracked.wait()
+print("done")
+"""
+        for _ in range(3):
+            done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True,
+                                  timeout=100)
+            self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "done\n", ""))
 
 
 class SecondThread(TestCase):
