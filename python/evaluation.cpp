@@ -2,6 +2,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cmath>
 #include <limits>
 #include <penumbra/evaluation.hpp>
 
@@ -57,7 +58,14 @@ Trajectory make_trajectory(const py::object& times_ns, const py::object& positio
 
 void append(Trajectory& self, const py::object& time_ns, const py::object& pose,
             std::optional<double> predicted_px) {
-  self.poses.push_back({nanoseconds(time_ns, "time_ns"), pose_of(pose, "pose"),
+  const types::Pose added = pose_of(pose, "pose");
+  for (const double value : added.position) {
+    if (!std::isfinite(value)) {
+      throw Exception(
+          "pose: is not a number, as of a lost frame; append only poses of frames with has_pose");
+    }
+  }
+  self.poses.push_back({nanoseconds(time_ns, "time_ns"), added,
                         predicted_px ? predicted(*predicted_px) : std::nullopt});
 }
 

@@ -136,13 +136,18 @@ void bind_estimates(py::module_& module) {
 
 In the camera frame, translation first, shape (6, 6); of T_table_camera, or of the camera over the
 middle of a group. NaN if the state is 'lost'.)")
-      .def_readonly("predicted_overlay_px", &Estimate::predicted_overlay_px,
-                    R"(Predicted overlay error (1 sigma) [px].
+      .def_property_readonly(
+          "predicted_overlay_px",
+          [](const Estimate& estimate) {
+            return estimate.has_pose() ? estimate.predicted_overlay_px
+                                       : std::numeric_limits<double>::quiet_NaN();
+          },
+          R"(Predicted overlay error (1 sigma) [px]; NaN if the state is 'lost'.
 
 RMS over the corners of a cube of 0.2 m that stands on the table's origin, or on the middle of a
 group. Includes the uncertainty of the lens.)")
       .def_readonly("reprojection_rms_px", &Estimate::reprojection_rms_px,
-                    "RMS reprojection error of the corners of the tags [px].")
+                    "RMS reprojection error of the corners of the tags [px]; 0 without tags.")
       .def_readonly("tags_used", &Estimate::tags_used,
                     "Number of tags; 0 if the pose is not measured in this frame.")
       .def_readonly("tags_rejected", &Estimate::tags_rejected, "The RejectedTags.")

@@ -109,9 +109,11 @@ struct Estimate {
   // T_table_camera, or of the camera over a group's middle. Translation first. Meaningless if lost.
   Matrix6 covariance{};
   // Predicted overlay error (1 sigma) [px]: RMS over the corners of a cube of 0.2 m that stands on
-  // the table's origin or on the group's middle. Includes the uncertainty of the lens.
+  // the table's origin or on the group's middle. Includes the uncertainty of the lens. Meaningless
+  // if lost.
   double predicted_overlay_px = 0.0;
-  // RMS reprojection error of the tags' corners [px], or its equivalent for their edges.
+  // RMS reprojection error of the tags' corners [px], or its equivalent for their edges; 0 if no
+  // tags are used.
   double reprojection_rms_px = 0.0;
   int tags_used = 0;  // 0: not measured in this frame
   std::vector<RejectedTag> tags_rejected;

@@ -97,6 +97,9 @@ class TrackedFrames(TestCase):
         self.assertTrue(np.isnan(table.pose.position).all())
         self.assertTrue(np.isnan(table.pose.quaternion_xyzw).all())
         self.assertTrue(np.isnan(table.covariance).all())
+        self.assertTrue(np.isnan(table.predicted_overlay_px))
+        self.assert_fails(penumbra.Error, "pose: is not a number",
+                          penumbra.Trajectory().append, 0, table.pose)
 
     def test_name_rejected_tags(self):
         recording = penumbra.Recording(TABLETOP)
