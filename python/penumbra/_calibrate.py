@@ -18,6 +18,8 @@ def _files_in(folder):
         files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _SUFFIXES)
     except OSError as error:
         raise Error(f"{folder}: cannot be read: {error.strerror}") from None
+    if not files and (folder / "frames").is_dir():
+        return _files_in(folder / "frames")  # a recording
     if not files:
         raise Error(f"{folder}: holds no images; give a folder of PNG or JPEG files")
     return files
@@ -26,13 +28,14 @@ def _files_in(folder):
 def calibrate(images, target, *, model=None, max_views=60):
     """Calibrates a camera from images of a target, as `penumbra calibrate` does with a folder.
 
-    images: a folder of PNG and JPEG files, or an iterable of files and of uint8 arrays, of shape
+    images: a folder of PNG and JPEG files, a recording, or an iterable of files and of uint8 arrays, of shape
         (height, width) or (height, width, 3) for RGB. Arrays are named images[0], images[1], ...
     target: a Target, or the file that describes it.
     model: 'plumb_bob', 'rational' or 'fisheye'; None: chosen by cross-validation.
     max_views: solves this number of the most different views.
 
-    Returns a Calibration. Takes seconds to minutes; other Python threads run meanwhile. An image
+    Returns a Calibration. Takes seconds to minutes; other Python threads run meanwhile, and Ctrl-C
+    takes effect when it returns. An image
     without the target is listed in Calibration.views. Raises Error for a file that cannot be read,
     and with what the images lack.
     """
