@@ -219,10 +219,9 @@ void bind_frames(py::module_& module) {
             return groups;
           },
           "GroupEstimates by the name of the group, in the order of the tag map.")
-      .def_readonly(
-          "notices", &TrackedFrame::notices,
-          R"(What the frames so far show to be wrong, each cause once: the tag map, the lens
-or the row time, with the size of the error and the remedy.)")
+      .def_readonly("notices", &TrackedFrame::notices,
+                    R"(Causes of systematic errors that this frame reveals: the tag map, the lens or
+the row time. A line each, with size and remedy; each cause only once.)")
       .def("__repr__", [](const TrackedFrame& frame) {
         return py::str("<penumbra.TrackedFrame at {} ns: {}, {} groups>")
             .format(frame.timestamp_ns, summary(frame.table), frame.groups.size());

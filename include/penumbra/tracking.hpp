@@ -139,8 +139,8 @@ struct TrackedFrame {
   std::int64_t timestamp_ns = 0;
   TableEstimate table;
   std::vector<GroupEstimate> groups;  // in the order of the tag map
-  // What the frames so far show to be wrong, each cause once: the tag map, the lens or the row time
-  // (docs/tracking.md#systematic-errors), with the size of the error and the remedy.
+  // Causes of systematic errors that this frame reveals: the tag map, the lens or the row time
+  // (docs/tracking.md#systematic-errors). A line each, with size and remedy; each cause only once.
   std::vector<std::string> notices;
 };
 
