@@ -151,6 +151,10 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
   const NamedTrajectory named_estimate{estimated, estimated_name};
   const NamedTrajectory named_truth{truth, truth_name};
   for (const NamedTrajectory& named : {named_estimate, named_truth}) {
+    if (const int untracked = named.trajectory.untracked; untracked > 0) {
+      log_warning("{}: {} of {} frames have no tracked pose; they are not compared", named.name,
+                  untracked, named.trajectory.poses.size() + static_cast<std::size_t>(untracked));
+    }
     if (!named.trajectory.of_body) continue;
     log_warning("{}: EuRoC's poses are of the body (the IMU); they are taken as the camera's",
                 named.name);

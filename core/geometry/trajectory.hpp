@@ -26,6 +26,7 @@ struct Trajectory {
   std::vector<StampedPose> poses;
   // True: poses of the body (IMU) instead of the camera, as in EuRoC's ground truth.
   bool of_body = false;
+  int untracked = 0;  // frames of a frame log without a tracked pose, which `poses` lacks
 
   // Returns the pose with the timestamp nearest to `timestamp_ns`, or null if none is within
   // `tolerance_ns`.

@@ -191,13 +191,16 @@ class FrameLogRows {
     return rows;
   }
 
-  // Returns nullopt for other groups and states.
-  [[nodiscard]] Result<std::optional<StampedPose>> read(std::string_view line) const {
+  // Returns nullopt for other groups and states; counts the latter.
+  [[nodiscard]] Result<std::optional<StampedPose>> read(std::string_view line) {
     const std::vector<std::string> row = split_csv(line);
     if (row.size() != count_)
       return fail("has {} values between commas; the first line names {}", row.size(), count_);
-    if (row[group_] != kTableGroup || row[state_] != to_string(TrackStatus::tracked))
+    if (row[group_] != kTableGroup) return std::optional<StampedPose>();
+    if (row[state_] != to_string(TrackStatus::tracked)) {
+      ++untracked_;
       return std::optional<StampedPose>();
+    }
     PoseFields fields;
     for (std::size_t i = 0; i < fields.size(); ++i) fields[i] = row[columns_[i]];
     const std::optional<std::int64_t> time = parse_seconds_as_ns(fields[0]);
@@ -211,6 +214,7 @@ class FrameLogRows {
     }
     return std::optional(stamped);
   }
+  [[nodiscard]] int untracked() const { return untracked_; }
 
  private:
   static constexpr std::string_view kTime = "timestamp_s";
@@ -218,6 +222,7 @@ class FrameLogRows {
   std::size_t count_ = 0;
   std::array<std::size_t, kColumns.size()> columns_{};  // of time and pose
   std::size_t group_ = 0, state_ = 0, predicted_ = 0;
+  int untracked_ = 0;
 };
 
 // Reads a file of any format line by line. The caller adds file and line to errors.
@@ -260,7 +265,10 @@ class TrajectoryReader {
     pose.comment = std::move(comment);
     return add(std::move(pose));
   }
-  [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
+  [[nodiscard]] Trajectory take() {
+    if (frame_log_) trajectory_.untracked = frame_log_->untracked();
+    return std::move(trajectory_);
+  }
 
  private:
   Result<void> add(StampedPose pose) {

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "core/evaluation/evaluation.hpp"
+#include "core/text/text.hpp"
 #include "replay_support.hpp"
 #include "support/recording_folder.hpp"
 
@@ -113,6 +114,19 @@ TEST_F(PerFrame, WritesErrorsThatEvaluateSums) {
   Rows unpredicted = rows;
   for (nlohmann::json& row : unpredicted) row["predicted_px"] = row["frame_ratio"] = nullptr;
   EXPECT_EQ(rows_of(file("poses.jsonl")), unpredicted);
+}
+
+TEST_F(PerFrame, CountsFramesOfLogWithoutTrackedPose) {
+  ASSERT_NO_FATAL_FAILURE(replay_tabletop());
+  EXPECT_THAT(penumbra(evaluate_with(file("log.csv"), {})).err,
+              testing::Not(HasSubstr("no tracked pose")));
+  std::string log = read_text_file(file("log.csv"), 1 << 20).value();
+  const std::string tracked = ",table,tracked,";
+  log.replace(log.find(tracked), tracked.size(), ",table,uncertain,");
+  ASSERT_TRUE(write_text_file(file("log.csv"), log));
+  const ProgramResult done = penumbra(evaluate_with(file("log.csv"), {}));
+  EXPECT_EQ(done.exit_code, 0);
+  EXPECT_THAT(done.err, HasSubstr("log.csv: 1 of 12 frames have no tracked pose"));
 }
 
 TEST_F(PerFrame, StreamsToStandardOutput) {

@@ -125,6 +125,7 @@ TEST_F(TrajectoryFile, ReadsTrackedPosesOfFrameLog) {
   EXPECT_EQ(read->poses[1].timestamp_ns, 1'800'000'000);
   EXPECT_EQ(read->poses[1].T_table_camera.translation(), Eigen::Vector3d(1, 2, 5));
   EXPECT_EQ(read->poses[1].predicted_px, std::nullopt);
+  EXPECT_EQ(read->untracked, 2);
 
   refuses("timestamp_s,group,state,tx,ty,tz,qx,qy,qz,predicted_px\n", "line 1: has no column qw");
   refuses(header + "0,1.5,table,tracked,,1,2,3,0,0,0,1\n", "line 2: has 12 values between commas");
