@@ -18,7 +18,8 @@ constexpr double kSame_px = 0.15;
 // If all cells are below kOverlap_sigmas, poses are treated as one if their tag corners differ by
 // less than kSameResiduals times the residuals.
 constexpr double kSameResiduals = 2.0;
-constexpr double kOverlap_sigmas = 5.0;  // cell size at which edges blur into each other
+constexpr double kOverlap_sigmas = 5.0;   // cell size at which edges blur into each other
+constexpr double kResolvedCell_px = 1.0;  // two poses are ambiguous if all cells are smaller
 
 // Returns the pose from which the coplanar verified tags look the same except for perspective.
 MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
@@ -61,11 +62,13 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   measurement.ambiguous = false;
   measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();
   if (!other.input.predicted.is_finite()) return false;
-  double residuals = kSameResiduals;
+  double largest_cell_px = 0.0;
   for (const TagAlignment& tag : seen) {
-    if (tag.verified && tag.cell_px > kOverlap_sigmas * first.aligner.options().blur_px)
-      residuals = 0.0;
+    if (tag.verified) largest_cell_px = std::max(largest_cell_px, tag.cell_px);
   }
+  const bool unresolved = largest_cell_px < kResolvedCell_px;
+  const bool overlap = largest_cell_px <= kOverlap_sigmas * first.aligner.options().blur_px;
+  const double residuals = overlap ? kSameResiduals : 0.0;
   const auto look_the_same = [&](const MapFromCamera& pose, double residual_px) {
     return group.corner_distance_px(measurement.best.T_map_camera, pose, seen) <
            std::max(kSame_px, residuals * residual_px);
@@ -74,8 +77,9 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
-    // Only the first pose reads the cells, so it is the true pose unless the two look the same.
-    if (look_the_same(mirror, measurement.best.noise_px)) {
+    // Only the first pose reads the cells, so it is the true pose unless the cells are unresolved
+    // or the two look the same.
+    if (unresolved || look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
       measurement.second->T_map_camera = mirror;
       measurement.ambiguous = true;
@@ -108,6 +112,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   const bool second_fits = ratio < 1.0;
   measurement.ambiguity_ratio = second_fits ? 1.0 / std::max(ratio, 1e-9) : ratio;
   measurement.ambiguous =
+      unresolved ||
       look_the_same(second->T_map_camera, std::min(first_residual, second->noise_px)) ||
       samples * std::log(measurement.ambiguity_ratio) < kMinLogLikelihoodRatio * inflation;
   if (second_fits) std::swap(measurement.best, *measurement.second);

@@ -39,7 +39,7 @@ struct AlignmentOptions {
   double blur_px = 0.58;
   // Camera response: linear light = (grey / 255) ^ exponent. The camera's tone_curve overrides it.
   double tone_exponent = 1.0;
-  double min_cell_px = 0.7;            // tags with smaller cells are not used
+  double min_cell_px = 0.8;            // tags with smaller cells are not used
   const simd::Loops* loops = nullptr;  // null: widest_loops()
 };
 
