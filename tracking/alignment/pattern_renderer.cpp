@@ -29,6 +29,21 @@ struct Sheet {
   }
 };
 
+// Iterations that find the paper on a ray. Each reduces the error by the paper's slope over the
+// ray's.
+constexpr int kPaperIterations = 12;
+
+// Points of a tag's lattice [cells], or offsets [px].
+struct Points {
+  std::vector<double> a;
+  std::vector<double> b;
+
+  void resize(std::size_t count) {
+    a.resize(count);
+    b.resize(count);
+  }
+};
+
 // One tag as viewed from one camera pose.
 struct View {
   // (A, B, S) = matrix * (x, y, 1); a = A / S, b = B / S, depth = 1 / S.
@@ -39,16 +54,82 @@ struct View {
   // Returns the point of the paper on the ray through the point `ab` of the lattice.
   [[nodiscard]] Eigen::Vector2d on_paper(const Sheet& sheet, const Eigen::Vector2d& ab) const {
     if (sheet.curvature.is_flat()) return ab;
-    constexpr int kIterations =
-        12;  // each reduces the error by the slope of the paper over the ray's
     const double half = 0.5 * sheet.pattern.total_width();
     Eigen::Vector2d point = ab;
-    for (int i = 0; i < kIterations; ++i) {
+    for (int i = 0; i < kPaperIterations; ++i) {
       const double height = sheet.height(point - Eigen::Vector2d(half, half));
       point = ab - height / camera.z() * (ab - camera.head<2>());
     }
     return point;
   }
+
+  // Finds the points of the paper on the rays xy + d_xy_d_pixel * offset; (-1, -1) behind the
+  // camera. Like on_paper(), but the compiler vectorizes the loops.
+  void find_points(const Sheet& sheet, const Eigen::Vector2d& xy,
+                   const Eigen::Matrix2d& d_xy_d_pixel, const Points& offsets, Points& flat,
+                   Points& points) const {
+    const Eigen::Matrix3d& M = lattice_from_ray;
+    const std::size_t count = offsets.a.size();
+    for (std::size_t s = 0; s < count; ++s) {
+      const double x =
+          xy.x() + (d_xy_d_pixel(0, 0) * offsets.a[s] + d_xy_d_pixel(0, 1) * offsets.b[s]);
+      const double y =
+          xy.y() + (d_xy_d_pixel(1, 0) * offsets.a[s] + d_xy_d_pixel(1, 1) * offsets.b[s]);
+      const double depth = M(2, 0) * x + (M(2, 1) * y + M(2, 2));
+      flat.a[s] = depth > 0.0 ? (M(0, 0) * x + (M(0, 1) * y + M(0, 2))) / depth : -1.0;
+      flat.b[s] = depth > 0.0 ? (M(1, 0) * x + (M(1, 1) * y + M(1, 2))) / depth : -1.0;
+    }
+    points = flat;
+    if (sheet.curvature.is_flat()) return;
+    const double half = 0.5 * sheet.pattern.total_width();
+    for (int i = 0; i < kPaperIterations; ++i) {
+      for (std::size_t s = 0; s < count; ++s) {
+        const double height = sheet.height({points.a[s] - half, points.b[s] - half});
+        points.a[s] = flat.a[s] - height / camera.z() * (flat.a[s] - camera.x());
+        points.b[s] = flat.b[s] - height / camera.z() * (flat.b[s] - camera.y());
+      }
+    }
+  }
+};
+
+// Light of a tag's cells, surrounded by a row and a column of the background's.
+class CellLight {
+ public:
+  CellLight(const TagPattern& pattern, const PatternRenderOptions& options)
+      : width_(pattern.total_width()),
+        covered_to_(options.covered_fraction * width_),
+        cover_(options.cover),
+        light_(static_cast<std::size_t>((width_ + 2) * (width_ + 2)), options.background) {
+    for (int j = 0; j < width_; ++j) {
+      for (int i = 0; i < width_; ++i)
+        light_[index(i + 1, j + 1)] = pattern.white(i, j) ? options.white : options.black;
+    }
+  }
+
+  // Returns the sum over the points.
+  [[nodiscard]] double sum(const Points& points) const {
+    double sum = 0.0;
+    for (std::size_t s = 0; s < points.a.size(); ++s) {
+      const double a = within(points.a[s]);
+      const double b = within(points.b[s]);
+      const bool covered = a >= 0.0 && a < covered_to_ && b >= 0.0 && b < width_;
+      sum += covered ? cover_ : light_[index(static_cast<int>(a + 1.0), static_cast<int>(b + 1.0))];
+    }
+    return sum;
+  }
+
+ private:
+  // Returns a coordinate in [-1, width]. Not a number becomes -1.
+  [[nodiscard]] double within(double a) const {
+    return std::min(std::max(-1.0, a), static_cast<double>(width_));
+  }
+  [[nodiscard]] std::size_t index(int i, int j) const {
+    return static_cast<std::size_t>(j * (width_ + 2) + i);
+  }
+  int width_;
+  double covered_to_;
+  double cover_;
+  std::vector<double> light_;
 };
 
 // Returns the fractional part of k * step; an irrational step fills [0, 1) evenly.
@@ -234,6 +315,11 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<double> light(at(0, height), options.background * options.gain);
 
   const std::vector<Eigen::Vector2d> offsets = make_offsets(options.samples, options.lens_blur_px);
+  Points split_offsets;
+  for (const Eigen::Vector2d& offset : offsets) {
+    split_offsets.a.push_back(offset.x());
+    split_offsets.b.push_back(offset.y());
+  }
   // Index into `path` of each sub-sample, independent of its offset.
   std::vector<std::size_t> times(offsets.size());
   for (std::size_t s = 0; s < times.size(); ++s) {
@@ -249,9 +335,11 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<std::optional<View>> views;
   std::vector<std::vector<int>> rows(static_cast<std::size_t>(height));  // tags in each row
   std::vector<Eigen::AlignedBox2i> boxes(impl_->sheets.size());
+  std::vector<CellLight> cell_light;
   const Eigen::Array2d image_size(width, height);
   for (std::size_t k = 0; k < impl_->sheets.size(); ++k) {
     const Sheet& sheet = impl_->sheets[k];
+    cell_light.emplace_back(sheet.pattern, options);
     Eigen::AlignedBox2i& box = boxes[k];
     for (std::size_t time = 0; time < path.size(); ++time) {
       Transform<frame::Table, frame::Tag> T_table_tag = sheet.T_table_tag;
@@ -298,22 +386,49 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return value;
   };
 
-  // Returns the light of a pixel if all sub-samples certainly have the same light, else nullopt.
-  const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
-    if (options.covered_fraction > 0.0) return std::nullopt;
+  struct Scratch {
+    std::vector<int> candidates;
+    Points flat, points;
+  };
+  // Returns the sum of the sub-samples' light if only one tag is near.
+  const auto sum_of_tag = [&](int k, const Impl::PixelRay& ray, Scratch& scratch) {
     const Sheet& sheet = impl_->sheets[static_cast<std::size_t>(k)];
-    const TagPattern& pattern = sheet.pattern;
-    const double size = pattern.total_width();
+    const std::size_t first_view = static_cast<std::size_t>(k) * path.size();
+    Points& points = scratch.points;
+    points.resize(offsets.size());
+    scratch.flat.resize(offsets.size());
+    if (const auto& view = views[first_view]; path.size() == 1 && view) {
+      view->find_points(sheet, ray.xy, ray.d_xy_d_pixel, split_offsets, scratch.flat, points);
+    } else {
+      for (std::size_t s = 0; s < offsets.size(); ++s) {
+        Eigen::Vector2d point(-1.0, -1.0);  // beside the tag
+        if (const auto& now = views[first_view + times[s]]) {
+          const Eigen::Vector2d xy = ray.xy + ray.d_xy_d_pixel * offsets[s];
+          const Eigen::Vector3d h = now->lattice_from_ray * Eigen::Vector3d(xy.x(), xy.y(), 1.0);
+          if (h.z() > 0.0) point = now->on_paper(sheet, h.head<2>() / h.z());
+        }
+        points.a[s] = point.x();
+        points.b[s] = point.y();
+      }
+    }
+    return cell_light[static_cast<std::size_t>(k)].sum(points);
+  };
+
+  // Returns the cells of a tag that the sub-samples of a pixel may show, or nullopt if unknown.
+  struct Cells {
+    Eigen::Vector2d low, high;
+    bool unseen = false;  // at some time
+  };
+  const auto cells_near = [&](int k, const Impl::PixelRay& ray) -> std::optional<Cells> {
+    const Sheet& sheet = impl_->sheets[static_cast<std::size_t>(k)];
     // The paper's slope changes the density of pixels on it.
     const double margin = sheet.curvature.is_flat() ? 1.2 : 2.0;
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    Eigen::Vector2d low = Eigen::Vector2d::Constant(kInfinity);
-    Eigen::Vector2d high = -low;
-    bool unseen = false;
+    Cells cells{Eigen::Vector2d::Constant(kInfinity), Eigen::Vector2d::Constant(-kInfinity)};
     for (std::size_t time = 0; time < path.size(); ++time) {
       const auto& view = views[static_cast<std::size_t>(k) * path.size() + time];
       if (!view) {
-        unseen = true;
+        cells.unseen = true;
         continue;
       }
       const Eigen::Vector3d h =
@@ -325,12 +440,23 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
                                            h.z() * ray.d_xy_d_pixel;
       const Eigen::Vector2d reach = margin * reach_px * d_ab_d_pixel.rowwise().norm();
       const Eigen::Vector2d point = view->on_paper(sheet, ab);
-      low = low.cwiseMin(point - reach);
-      high = high.cwiseMax(point + reach);
+      cells.low = cells.low.cwiseMin(point - reach);
+      cells.high = cells.high.cwiseMax(point + reach);
     }
-    const bool beside = !(high.minCoeff() >= 0.0 && low.maxCoeff() < size);
-    if (beside) return options.background;
-    if (unseen || !(low.minCoeff() >= 0.0 && high.maxCoeff() < size)) return std::nullopt;
+    return cells;
+  };
+  const auto is_beside = [&](int k, const Cells& cells) {
+    const double size = impl_->sheets[static_cast<std::size_t>(k)].pattern.total_width();
+    return !(cells.high.minCoeff() >= 0.0 && cells.low.maxCoeff() < size);
+  };
+
+  // Returns the light of a pixel if all sub-samples certainly have the same light, else nullopt.
+  const auto uniform_light = [&](int k, const Cells& cells) -> std::optional<double> {
+    if (options.covered_fraction > 0.0) return std::nullopt;
+    const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
+    const Eigen::Vector2d &low = cells.low, &high = cells.high;
+    if (cells.unseen || !(low.minCoeff() >= 0.0 && high.maxCoeff() < pattern.total_width()))
+      return std::nullopt;
     const bool white = pattern.white(static_cast<int>(low.x()), static_cast<int>(low.y()));
     for (int j = static_cast<int>(low.y()); j <= static_cast<int>(high.y()); ++j) {
       for (int i = static_cast<int>(low.x()); i <= static_cast<int>(high.x()); ++i) {
@@ -340,35 +466,45 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return white ? options.white : options.black;
   };
 
-  const auto render_row = [&](int y, std::vector<int>& candidates) {
+  const auto render_row = [&](int y, Scratch& scratch) {
     const std::vector<int>& in_row = rows[static_cast<std::size_t>(y)];
+    std::vector<int>& candidates = scratch.candidates;
     for (int x = 0; x < width && !in_row.empty(); ++x) {
       candidates.clear();
+      std::optional<Cells> cells;  // of the last candidate
       for (const int k : in_row) {
         const Eigen::AlignedBox2i& box = boxes[static_cast<std::size_t>(k)];
-        if (x >= box.min().x() && x <= box.max().x()) candidates.push_back(k);
+        if (x < box.min().x() || x > box.max().x()) continue;
+        const Impl::PixelRay& ray = impl_->ray(x, y);
+        if (!ray.valid) break;
+        const std::optional<Cells> near = cells_near(k, ray);
+        if (near && is_beside(k, *near)) continue;
+        candidates.push_back(k);
+        cells = near;
       }
       if (candidates.empty()) continue;
       const Impl::PixelRay& ray = impl_->ray(x, y);
-      if (!ray.valid) continue;
-      if (candidates.size() == 1) {
-        if (const auto uniform = uniform_light(candidates.front(), ray)) {
-          light[at(x, y)] = options.gain * *uniform;
-          continue;
-        }
-      }
+      std::optional<double> uniform;
+      if (candidates.size() == 1 && cells) uniform = uniform_light(candidates.front(), *cells);
       double sum = 0.0;
-      for (std::size_t s = 0; s < offsets.size(); ++s)
-        sum += light_at(candidates, times[s], ray.xy + ray.d_xy_d_pixel * offsets[s]);
+      if (uniform) {
+        light[at(x, y)] = options.gain * *uniform;
+        continue;
+      } else if (candidates.size() == 1) {
+        sum = sum_of_tag(candidates.front(), ray, scratch);
+      } else {
+        for (std::size_t s = 0; s < offsets.size(); ++s)
+          sum += light_at(candidates, times[s], ray.xy + ray.d_xy_d_pixel * offsets[s]);
+      }
       light[at(x, y)] = options.gain * sum / static_cast<double>(offsets.size());
     }
   };
   // Rows are independent.
   const int threads = std::clamp(options.threads, 1, height);
   const auto render_rows = [&](int first) {
-    std::vector<int> candidates;
+    Scratch scratch;
     for (int y = first; y < height; y += threads) {
-      if (y >= options.first_row && y < options.end_row) render_row(y, candidates);
+      if (y >= options.first_row && y < options.end_row) render_row(y, scratch);
     }
   };
   std::vector<std::jthread> helpers;
