@@ -108,22 +108,29 @@ TEST_F(TagEdges, DetermineCurvatureOfPaper) {
     board[i].curvature = {i % 2 == 0 ? 1.5 : -1.0, i % 3 == 0 ? 0.6 : -0.3, i < 3 ? 0.0 : 0.8};
   PatternRenderer renderer = PatternRenderer::create(camera, board).value();
   std::vector<MappedTag> assumed = test::board(3, 2, 0.06);
+  struct View {
+    CameraPose pose;
+    GreyImage image;
+  };
+  std::vector<View> views;
+  for (int k = 0; k < 6; ++k) {
+    const CameraPose pose = test::looking_at({0.0, 0.0, 0.0}, 0.55, radians(40.0 + 5.0 * k),
+                                             radians(75.0 * k), radians(9.0 * k));
+    PatternRenderOptions options;
+    options.noise_grey = 2.0;
+    options.samples = 48;
+    options.seed = static_cast<std::uint64_t>(k) + 1;
+    views.push_back({pose, renderer.render(std::array{pose}, options)});
+  }
   constexpr int kRounds = 2;  // the second is linearised at the first's result
   for (int round = 0; round < kRounds; ++round) {
     std::vector<Eigen::Matrix3d> information(board.size(), Eigen::Matrix3d::Zero());
     std::vector<Eigen::Vector3d> gradient(board.size(), Eigen::Vector3d::Zero());
-    for (int k = 0; k < 6; ++k) {
-      const CameraPose pose = test::looking_at({0.0, 0.0, 0.0}, 0.55, radians(40.0 + 5.0 * k),
-                                               radians(75.0 * k), radians(9.0 * k));
-      PatternRenderOptions options;
-      options.noise_grey = 2.0;
-      options.samples = 48;
-      options.seed = static_cast<std::uint64_t>(k) + 1;
-      const GreyImage image = renderer.render(std::array{pose}, options);
+    for (const View& view : views) {
       for (std::size_t i = 0; i < board.size(); ++i) {
         const TagPattern pattern = TagPattern::make(board[i].family, board[i].id).value();
-        const auto measured = measure_tag(image.view(), camera, pattern, assumed[i],
-                                          pose.inverse() * board[i].T_table_tag);
+        const auto measured = measure_tag(view.image.view(), camera, pattern, assumed[i],
+                                          view.pose.inverse() * board[i].T_table_tag);
         ASSERT_TRUE(measured);
         information[i] += measured->curvature.information;
         gradient[i] += measured->curvature.gradient;
