@@ -54,12 +54,12 @@ inline Frame video(Video kind) {
     std::uint8_t* row = buffer.plane_data[0] + y * buffer.frame.planes[0].stride;
     for (int x = 0; x < 2 * kWidth; x += 2) {
       const bool white = (x / 160 + y / 80) % 2 == 0;
-      row[x] = kind == Video::plain ? 200
-               : kind == Video::checkerboard
-                   ? (white ? 220 : 30)
-                   : static_cast<std::uint8_t>(100 + (x / 7 + y / 5) % 120);
-      row[x + 1] =
-          kind == Video::gradients ? static_cast<std::uint8_t>(118 + (x / 40 + y / 60) % 20) : 128;
+      const int luma = kind == Video::plain          ? 200
+                       : kind == Video::checkerboard ? (white ? 220 : 30)
+                                                     : 100 + (x / 7 + y / 5) % 120;
+      const int chroma = kind == Video::gradients ? 118 + (x / 40 + y / 60) % 20 : 128;
+      row[x] = static_cast<std::uint8_t>(luma);
+      row[x + 1] = static_cast<std::uint8_t>(chroma);
     }
   }
   return buffer.frame;
