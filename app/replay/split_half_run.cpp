@@ -4,12 +4,14 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <tuple>
 #include <utility>
 
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
+#include "calib/survey/residual_watch.hpp"
 #include "calib/survey/tag_corner_meter.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/propagate.hpp"
@@ -27,6 +29,7 @@ constexpr int kMaxMeasuredFrames = 400;  // frames whose corners are measured, e
 // Result of tracking all tags.
 struct FullRun {
   std::vector<TimedPose> poses;
+  std::vector<double> map_sigmas_m;  // of each frame, for GroupTracker::set_map_sigma()
   std::vector<FrameCorners> corners;
   std::vector<std::size_t> corner_frames;  // index in `poses` for each element of `corners`
   std::vector<int> frames_seen;            // by tag
@@ -78,6 +81,8 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
   std::vector<std::size_t> all(tags.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   PENUMBRA_TRY(auto tracker, tracker_of(camera, tags, all, request.tracking));
+  PENUMBRA_TRY(const auto table_map, TagMap::make(tags));
+  PENUMBRA_TRY(const auto watch, ResidualWatch::create(camera, table_map));
   PENUMBRA_TRY(auto meter, TagCornerMeter::create(camera, tags));
   const int frame_count = static_cast<int>(recording.frames.size());
   const int step = (frame_count + kMaxMeasuredFrames - 1) / kMaxMeasuredFrames;
@@ -85,7 +90,12 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
   run.frames_seen.assign(tags.size(), 0);
   std::vector<std::uint8_t> scratch;
   const auto visit = [&](int index, const Frame& frame) -> Result<void> {
-    const PoseEstimate estimate = tracker.track(frame).pose;
+    run.map_sigmas_m.push_back(watch->map_sigma_m());
+    tracker.set_map_sigma(watch->map_sigma_m());
+    TrackedFrame result = tracker.track(frame);
+    const PoseEstimate estimate = result.pose;
+    // The notices would repeat the causes that are reported.
+    std::ignore = watch->observe(result);
     const bool tracked = estimate.status == TrackStatus::tracked;
     run.poses.push_back({frame.timestamp_ns, std::nullopt});
     if (!tracked) run.reason = text_of(estimate.reason);
@@ -145,6 +155,7 @@ Result<std::vector<SplitReport>> track_halves(const SplitHalfRequest& request,
                                               const Recording& recording,
                                               const std::vector<MappedTag>& tags,
                                               const std::vector<TagHalves>& splits,
+                                              const std::vector<double>& map_sigmas_m,
                                               InterruptWatch& interrupt) {
   const CameraModel& camera = *recording.camera;
   std::vector<SplitReport> reports(splits.size());
@@ -158,8 +169,10 @@ Result<std::vector<SplitReport>> track_halves(const SplitHalfRequest& request,
     PENUMBRA_TRY(auto second, tracker_of(camera, tags, splits[i][1], request.tracking));
     trackers.push_back({std::move(first), std::move(second)});
   }
-  const auto visit = [&](int, const Frame& frame) -> Result<void> {
+  const auto visit = [&](int index, const Frame& frame) -> Result<void> {
     for (std::size_t i = 0; i < splits.size(); ++i) {
+      for (GroupTracker& tracker : trackers[i])
+        tracker.set_map_sigma(map_sigmas_m.at(static_cast<std::size_t>(index)));
       const PoseEstimate first = trackers[i][0].track(frame).pose;
       const PoseEstimate second = trackers[i][1].track(frame).pose;
       const HalfDifference difference = compare_halves(camera, frame.timestamp_ns, first, second);
@@ -204,8 +217,8 @@ Result<SplitHalfReport> run_split_half(const SplitHalfRequest& request) {
   report.tags = tags_in_use(tag_file, *recording.tags);
   report.frames = static_cast<int>(run.poses.size());
   report.given_row_s = recording.camera->parameters().rolling_shutter_row_s.value_or(0.0);
-  PENUMBRA_TRY(report.splits,
-               track_halves(request, recording, tags, choose_halves(tags, run), interrupt));
+  PENUMBRA_TRY(report.splits, track_halves(request, recording, tags, choose_halves(tags, run),
+                                           run.map_sigmas_m, interrupt));
   std::vector<HalfDifference> pooled;
   for (SplitReport& split : report.splits) {
     split.errors = split_half_errors(split.frames);
