@@ -22,12 +22,13 @@ penumbra::Trajectory checked(const Trajectory& given, std::string_view name) {
     const StampedPose& pose = given[i];
     const std::int64_t time = pose.timestamp_ns;
     if (time > kMaxTime_ns || time < -kMaxTime_ns) {
-      throw_failure("{}[{}]: timestamp_ns: {} is out of range; give nanoseconds up to 2^61", name,
+      throw_failure("{}[{}]: its time of {} ns is out of range; give nanoseconds up to 2^61", name,
                     i, time);
     }
     if (i > 0 && time <= given[i - 1].timestamp_ns) {
-      throw_failure("{}[{}]: timestamp_ns: {} is not after {}; give the poses in the order of time",
-                    name, i, time, given[i - 1].timestamp_ns);
+      throw_failure(
+          "{}[{}]: its time of {} ns is not after {} ns; give the poses in the order of time", name,
+          i, time, given[i - 1].timestamp_ns);
     }
     if (pose.predicted_px && !(*pose.predicted_px >= 0.0 && std::isfinite(*pose.predicted_px))) {
       throw_failure("{}[{}]: predicted_px: is {}; give pixels, or nothing", name, i,

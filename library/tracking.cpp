@@ -212,10 +212,10 @@ TrackedFrame Tracker::track(const ImageView& image, std::int64_t timestamp_ns,
         frame.width, frame.height, m.camera.width(), m.camera.height());
   }
   if (timestamp_ns > kMaxTime_ns || timestamp_ns < -kMaxTime_ns) {
-    throw_failure("timestamp_ns: {} is out of range; give nanoseconds up to 2^61", timestamp_ns);
+    throw_failure("the time of {} ns is out of range; give nanoseconds up to 2^61", timestamp_ns);
   }
   if (m.frames > 0 && timestamp_ns <= m.last_ns) {
-    throw_failure("timestamp_ns: {} is not after {}; give the frames in the order of time",
+    throw_failure("the time of {} ns is not after {} ns; give the frames in the order of time",
                   timestamp_ns, m.last_ns);
   }
   if (exposure_s && !(*exposure_s > 0.0 && std::isfinite(*exposure_s))) {

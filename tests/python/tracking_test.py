@@ -274,8 +274,8 @@ class Arguments(TestCase):
             fails(penumbra.ArgumentError, "is out of range", tracker.track, image, bad)
         fails(penumbra.Error, "is out of range", tracker.track, image, 2**62)
         self.assertEqual(tracker.track(image, np.int64(5)).time_ns, 5)
-        fails(penumbra.Error, "5 is not after 5", tracker.track, image, 5)
-        fails(penumbra.Error, "4 is not after 5", tracker.track, image, 4)
+        fails(penumbra.Error, "5 ns is not after 5 ns", tracker.track, image, 5)
+        fails(penumbra.Error, "4 ns is not after 5 ns", tracker.track, image, 4)
         for bad in (0.0, -1.0, float("nan"), float("inf")):
             fails(penumbra.Error, "exposure_s", tracker.track, image, 6, bad)
         self.assertEqual(tracker.track(image, np.uint32(6), 0.005).table.state, "tracked")
