@@ -408,6 +408,19 @@ Arrival arrive(const ArrivalScenario& arriving, const TrackerOptions& options,
     arrival.frames.push_back(tracker.track(frame_image));
     std::this_thread::sleep_for(patience);
   }
+  if (patience == Duration()) return arrival;
+  // A busy machine may have searched for longer, so the last image stays in view until the groups
+  // are found.
+  const auto found = [&](const char* group) {
+    return group_named(arrival.frames.back(), group).status == TrackStatus::tracked;
+  };
+  const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(2);
+  for (Frame last = arriving.images.back();
+       !(found("wall") && found("block")) && std::chrono::steady_clock::now() < end;) {
+    last.timestamp_ns += 33'333'333;
+    arrival.frames.push_back(tracker.track(last));
+    std::this_thread::sleep_for(patience);
+  }
   return arrival;
 }
 
@@ -493,8 +506,9 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
     for (std::size_t f = static_cast<std::size_t>(first); f < live.frames.size(); ++f) {
       const GroupEstimate& estimate = group_named(live.frames[f], group);
       EXPECT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
-      EXPECT_LT(shown.stage.error_px(live.frames[f], estimate, static_cast<int>(f),
-                                     shown.truth[f].at(group)),
+      const std::size_t image = std::min(f, shown.images.size() - 1);
+      EXPECT_LT(shown.stage.error_px(live.frames[f], estimate, static_cast<int>(image),
+                                     shown.truth[image].at(group)),
                 0.6);
     }
   }
