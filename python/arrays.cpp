@@ -93,6 +93,13 @@ void throw_unknown_name(std::string_view argument, const std::string& name,
   throw ArgumentError(text);
 }
 
+void check_fields(const py::tuple& state, std::size_t count) {
+  if (state.size() == count) return;
+  throw py::value_error("the pickled object has " + std::to_string(state.size()) +
+                        " fields in place of " + std::to_string(count) +
+                        "; pickle it again with this version of penumbra");
+}
+
 std::string describe(const py::object& value) {
   if (!py::isinstance<py::array>(value)) {
     return py::str(py::type::of(value).attr("__name__")).cast<std::string>();

@@ -62,6 +62,9 @@ template <class Enum, std::size_t N>
   return {};
 }
 
+// Throws if a pickled object does not have this number of fields.
+void check_fields(const py::tuple& state, std::size_t count);
+
 // "float32 array of shape (480, 640)", "list".
 [[nodiscard]] std::string describe(const py::object& value);
 

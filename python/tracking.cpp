@@ -88,6 +88,17 @@ TagMap checks the values.)")
       .def_property_readonly(
           "curvature", [](const Tag& tag) { return array_of(tag.curvature); },
           "Curvature of the paper, xx, xy and yy [1/m], shape (3,).")
+      .def(py::pickle(
+          [](const Tag& tag) {
+            return py::make_tuple(tag.id, tag.family, tag.size_m, tag.T_table_tag, tag.group,
+                                  tag.curvature);
+          },
+          [](const py::tuple& state) {
+            check_fields(state, 6);
+            return Tag{state[0].cast<int>(),         state[1].cast<std::string>(),
+                       state[2].cast<double>(),      state[3].cast<types::Pose>(),
+                       state[4].cast<std::string>(), numbers<3>(state[5], "curvature")};
+          }))
       .def("__repr__", [](const Tag& tag) {
         return py::str("<penumbra.Tag {} of {}, {} mm, group '{}'>")
             .format(tag.id, tag.family, 1e3 * tag.size_m, tag.group);
@@ -106,6 +117,11 @@ pose that is not finite.)")
            "Writes a tags.yaml, from which load() reads the same numbers. Raises Error.")
       .def_property_readonly("tags", &TagMap::tags, "The tags, in the order of the map.")
       .def("__len__", [](const TagMap& map) { return map.tags().size(); })
+      .def(py::pickle([](const TagMap& map) { return py::make_tuple(map.tags()); },
+                      [](const py::tuple& state) {
+                        check_fields(state, 1);
+                        return TagMap(state[0].cast<std::vector<Tag>>());
+                      }))
       .def("__repr__", [](const TagMap& map) {
         return py::str("<penumbra.TagMap of {} tags>").format(map.tags().size());
       });

@@ -135,6 +135,14 @@ quaternion_xyzw: rotation R as a unit quaternion (to 1 %).)")
             return matrix.attr("astype")(dtype);
           },
           py::arg("dtype") = py::none(), py::arg("copy") = py::none(), "The 4 x 4 matrix.")
+      .def(py::pickle(
+          [](const types::Pose& pose) {
+            return py::make_tuple(pose.position, pose.quaternion_xyzw);
+          },
+          [](const py::tuple& state) {
+            check_fields(state, 2);
+            return make_pose(state[0], state[1]);
+          }))
       .def(
           "__eq__",
           [](const types::Pose& a, const types::Pose& b) {
@@ -245,6 +253,30 @@ image. NaN if a point is behind the camera or where the distortion is not monoto
           py::arg("pixels"), R"(Directions (x, y, 1) in the camera frame that project to pixels.
 
 pixels: shape (N, 2) or (2,). Returns shape (N, 3) or (3,); NaN if there is none.)")
+      .def(py::pickle(
+          [](const CameraModel& camera) {
+            const types::CameraParameters p = camera.parameters();
+            return py::make_tuple(p.width, p.height, p.fx, p.fy, p.cx, p.cy,
+                                  name_of(kDistortionModels, p.model), p.distortion, p.tone_curve,
+                                  p.rolling_shutter_row_s, p.overlay_sigma_px);
+          },
+          [](const py::tuple& state) {
+            check_fields(state, 11);
+            using Number = std::optional<double>;
+            types::CameraParameters p;
+            p.width = state[0].cast<int>();
+            p.height = state[1].cast<int>();
+            p.fx = state[2].cast<double>();
+            p.fy = state[3].cast<double>();
+            p.cx = state[4].cast<double>();
+            p.cy = state[5].cast<double>();
+            p.model = value_of(kDistortionModels, "model", state[6].cast<std::string>());
+            p.distortion = numbers<8>(state[7], "distortion");
+            p.tone_curve = state[8].cast<Number>();
+            p.rolling_shutter_row_s = state[9].cast<Number>();
+            p.overlay_sigma_px = state[10].cast<Number>();
+            return CameraModel(p);
+          }))
       .def("__repr__", [](const CameraModel& camera) {
         const types::CameraParameters p = camera.parameters();
         return py::str("<penumbra.CameraModel {} x {} px, fx {:.6g}, fy {:.6g}, {}>")

@@ -1,6 +1,8 @@
 """Tracker: the poses of `penumbra replay`, arrays without copies, errors."""
 
+import copy
 import gc
+import pickle
 import sys
 import tracemalloc
 import unittest
@@ -311,13 +313,14 @@ class Arguments(TestCase):
     def test_tag_maps_round_trip(self):
         tags = penumbra.TagMap.load(RECORDINGS / "corner" / "tags.yaml")
         tags.save(self.folder / "tags.yaml")
-        again = penumbra.TagMap.load(str(self.folder / "tags.yaml"))
-        self.assertEqual(len(again), len(tags))
-        for a, b in zip(again.tags, tags.tags):
-            for name in ("id", "family", "size_m", "group"):
-                self.assertEqual(getattr(a, name), getattr(b, name))
-            self.assertEqual(a.pose, b.pose)
-            self.assert_same_bits(a.curvature, b.curvature)
+        loaded = penumbra.TagMap.load(str(self.folder / "tags.yaml"))
+        for again in (loaded, pickle.loads(pickle.dumps(tags)), copy.deepcopy(tags)):
+            self.assertEqual(len(again), len(tags))
+            for a, b in zip(again.tags, tags.tags):
+                for name in ("id", "family", "size_m", "group"):
+                    self.assertEqual(getattr(a, name), getattr(b, name))
+                self.assertEqual(a.pose, b.pose)
+                self.assert_same_bits(a.curvature, b.curvature)
 
     def test_set_tag_map_takes_only_the_same_tags(self):
         recording = penumbra.Recording(TABLETOP)

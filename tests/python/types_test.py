@@ -1,6 +1,8 @@
 """Pose, CameraModel and load_image()."""
 
+import copy
 import os
+import pickle
 import unittest
 from pathlib import Path
 
@@ -46,6 +48,13 @@ class Poses(TestCase):
         )
         pose.position[0] = 7  # of a copy
         self.assertEqual(pose.position[0], 1)
+
+    def test_are_pickled_and_copied(self):
+        pose = penumbra.Pose([0.1, -2, 3e-9], [0.5, -0.5, 0.5, 0.5])
+        for again in (pickle.loads(pickle.dumps(pose)), copy.deepcopy(pose)):
+            self.assertEqual(again, pose)
+        self.assert_fails(ValueError, "3 fields in place of 2", penumbra.Pose.__setstate__,
+                          penumbra.Pose.__new__(penumbra.Pose), (0, 0, 0))
 
     def test_refuse_what_is_no_rigid_transform(self):
         fails = self.assert_fails
@@ -111,12 +120,13 @@ class CameraModels(TestCase):
                     rolling_shutter_row_s=2e-5, overlay_sigma_px=0.03,
                 )
                 camera.save(self.folder / "camera.yaml")
-                again = penumbra.CameraModel.load(self.folder / "camera.yaml")
-                for name in ("width", "height", "fx", "fy", "cx", "cy", "model", "tone_curve",
-                             "rolling_shutter_row_s", "overlay_sigma_px"):
-                    self.assertEqual(getattr(again, name), getattr(camera, name), name)
-                self.assert_same_bits(again.distortion, distortion)
-                self.assertEqual(again.warnings, [])
+                loaded = penumbra.CameraModel.load(self.folder / "camera.yaml")
+                for again in (loaded, pickle.loads(pickle.dumps(camera)), copy.copy(camera)):
+                    for name in ("width", "height", "fx", "fy", "cx", "cy", "model", "tone_curve",
+                                 "rolling_shutter_row_s", "overlay_sigma_px"):
+                        self.assertEqual(getattr(again, name), getattr(camera, name), name)
+                    self.assert_same_bits(again.distortion, distortion)
+                    self.assertEqual(again.warnings, [])
                 # OpenCV has a row or a column of coefficients.
                 column = penumbra.CameraModel(640, 480, 5e2, 5e2, 320, 240, model,
                                               distortion[:, None])
