@@ -309,10 +309,14 @@ TEST(RecordingWriter, RejectsNonEmptyFolder) {
 
 // A failed start leaves no folder, so that the name can be used again once there is space.
 TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
+  const RecordingHead head = head_for("MJPEG", 640, 480);
+  const auto folder_in = [](const test::TemporaryFolder& temporary) {
+    return temporary.path() / "of" / "today" / "session";
+  };
+  std::array<test::TemporaryFolder, 2> folders;
   for (const bool waits : {true, false}) {
-    const test::TemporaryFolder temporary;
-    const fs::path folder = temporary.path() / "of" / "today" / "session";
-    RecordingHead head = head_for("MJPEG", 640, 480);
+    const test::TemporaryFolder& temporary = folders[waits ? 0 : 1];
+    const fs::path folder = folder_in(temporary);
     const pid_t child = fork();
     ASSERT_GE(child, 0);
     if (child == 0) {
@@ -329,6 +333,10 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
     ASSERT_EQ(waitpid(child, &status, 0), child);
     EXPECT_EQ(status, 0) << waits;
     EXPECT_TRUE(fs::is_empty(temporary.path())) << waits;
+  }
+  // Begins its threads after the forks, as the thread sanitizer requires.
+  for (const test::TemporaryFolder& temporary : folders) {
+    const fs::path folder = folder_in(temporary);
     auto again = RecordingWriter::begin(folder, head);
     again->add_image(jpeg_image(0));
     ASSERT_TRUE(again->finish());
