@@ -96,6 +96,7 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
       run_program(source_dir() / "tests" / "support" / "with-display",
                   {(source_dir() / "tests" / "support" / "drag-by-mouse").string(),
                    path("session/events.jsonl"),
+                   path("live"),
                    "320 240",
                    "380 250",
                    program().string(),
@@ -205,14 +206,15 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
       << R"({"objects":[{"name":"block","shape":{"kind":"box","size":[0.1,0.08,0.04]},)"
       << R"("position":[0,0,0.06]}],"shadows":[]})";
   constexpr int kScreenshots = 10;
+  constexpr int kSlower = kSanitized ? 5 : 1;  // so that the program can draw each image
   std::string steps = "+live.tum.partial* r +penumbra-*/timestamps.csv";
-  for (int i = 0; i < kScreenshots; ++i) steps += " s 0.17";
+  for (int i = 0; i < kScreenshots; ++i) steps += fmt::format(" s {:.2f}", 0.17 * kSlower);
   steps += " r 0.3 Escape";
   const ProgramResult live =
       run_program(source_dir() / "tests" / "support" / "with-display",
                   {(source_dir() / "tests" / "support" / "press-keys").string(), steps,
                    program().string(), "live", "--camera", "recording:" + camera.string(), "--fps",
-                   "10", "--no-background-search", "--calibration",
+                   fmt::format("{}", 10 / kSlower), "--no-background-search", "--calibration",
                    (camera / "camera.yaml").string(), "--tags", (camera / "tags.yaml").string(),
                    "--scene", path("scene.json"), "--poses", path("live.tum"), "--duration", "120"},
                   {}, folder.path());
