@@ -107,7 +107,7 @@ class GltfBuilder {
   }
   [[nodiscard]] std::string glb() const {
     nlohmann::json file = json;
-    file["buffers"] = {{{"byteLength", binary.size()}}};
+    file["buffers"][0] = {{"byteLength", binary.size()}};
     std::string text = file.dump(), data = binary;
     text.resize((text.size() + 3) / 4 * 4, ' ');
     data.resize((data.size() + 3) / 4 * 4, '\0');

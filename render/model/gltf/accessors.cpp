@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/propagate.hpp"
-#include "render/model/gltf/extensions.hpp"
+#include "render/model/gltf/meshopt.hpp"
 
 namespace penumbra::gltf {
 namespace {
@@ -18,6 +18,8 @@ std::size_t look_up(const std::array<std::pair<int, std::size_t>, kCount>& table
   const auto entry = std::ranges::find(table, key, &std::pair<int, std::size_t>::first);
   return entry == table.end() ? 0 : entry->second;
 }
+
+}  // namespace
 
 std::size_t component_size(int type) {
   static constexpr std::array<std::pair<int, std::size_t>, 6> kBytes = {
@@ -40,6 +42,8 @@ std::size_t component_count(int type) {
   return look_up(kCounts, type);
 }
 
+namespace {
+
 template <class T>
 T value_at(const std::uint8_t* bytes) {
   T value;
@@ -47,7 +51,8 @@ T value_at(const std::uint8_t* bytes) {
   return value;
 }
 
-// Returns one component as a number; converts normalised integers by glTF 2.0, section 3.11.
+}  // namespace
+
 double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   const auto scaled = [normalised](double value, double largest) {
     return normalised ? std::max(value / largest, -1.0) : value;
@@ -68,6 +73,8 @@ double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   }
 }
 
+namespace {
+
 void read_element(const std::uint8_t* from, const tinygltf::Accessor& accessor, double* to) {
   const std::size_t size = component_size(accessor.componentType);
   for (std::size_t c = 0; c < component_count(accessor.type); ++c) {
@@ -83,28 +90,48 @@ bool is_unsigned(int component_type) {
          component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
 }
 
-Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
-                                                            const std::string& what) const {
+Result<std::span<const std::uint8_t>> Accessors::stored_bytes(std::size_t buffer,
+                                                              std::size_t offset,
+                                                              std::size_t length,
+                                                              const std::string& json_path) {
+  if (buffer >= buffers_.count()) {
+    return fail("{}: names buffer {}, there are {}", json_path, buffer, buffers_.count());
+  }
+  PENUMBRA_TRY(const std::span<const std::uint8_t> data, buffers_.bytes(buffer));
+  if (offset > data.size() || length > data.size() - offset) {
+    return fail("{}: reaches past the end of its buffer ({} bytes)", json_path, data.size());
+  }
+  return data.subspan(offset, length);
+}
+
+Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view, const std::string& what) {
   if (!has(gltf_.bufferViews, view)) {
     return fail("{}: names buffer view {}, there are {}", what, view, gltf_.bufferViews.size());
   }
+  if (const auto known = decoded_views_.find(view); known != decoded_views_.end())
+    return std::span<const std::uint8_t>(known->second);
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
-  if (v.buffer < 0 || static_cast<std::size_t>(v.buffer) >= buffers_.count()) {
-    return fail("bufferViews/{}: names buffer {}, there are {}", view, v.buffer, buffers_.count());
+  const std::string json_path = fmt::format("bufferViews/{}", view);
+  PENUMBRA_TRY(const auto compressed, meshopt_view(v, json_path));
+  if (!compressed) {
+    if (v.buffer < 0) return fail("{}: has no buffer; export the model again", json_path);
+    return stored_bytes(static_cast<std::size_t>(v.buffer), v.byteOffset, v.byteLength, json_path);
   }
-  const auto buffer = static_cast<std::size_t>(v.buffer);
-  if (const char* compression = compression_of(v); compression && !buffers_.has_data(buffer)) {
-    return fail_compressed(compression);
+  // A compressed view's own buffer may have the same data uncompressed, or no data. It is not read,
+  // because models often come without its file.
+  if (compressed->decoded_bytes() > decoded_bytes_left_) {
+    return fail("{}: the compressed data of the file has more than {} bytes; give a smaller model",
+                compressed->json_path, limits_.max_file_bytes);
   }
-  PENUMBRA_TRY(const std::span<const std::uint8_t> data, buffers_.bytes(buffer));
-  if (v.byteOffset > data.size() || v.byteLength > data.size() - v.byteOffset) {
-    return fail("bufferViews/{}: reaches past the end of its buffer ({} bytes)", view, data.size());
-  }
-  return data.subspan(v.byteOffset, v.byteLength);
+  PENUMBRA_TRY(const auto coded, stored_bytes(compressed->buffer, compressed->byte_offset,
+                                              compressed->byte_length, compressed->json_path));
+  PENUMBRA_TRY(std::vector<std::uint8_t> decoded, decode_meshopt(*compressed, coded));
+  decoded_bytes_left_ -= decoded.size();
+  return std::span<const std::uint8_t>(decoded_views_[view] = std::move(decoded));
 }
 
 Result<Accessors::StridedRange> Accessors::strided_range(int view, const Layout& layout,
-                                                         const std::string& what) const {
+                                                         const std::string& what) {
   PENUMBRA_TRY(const std::span<const std::uint8_t> bytes, view_bytes(view, what));
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
   std::size_t stride = layout.size;
@@ -127,7 +154,7 @@ Result<Accessors::StridedRange> Accessors::strided_range(int view, const Layout&
 }
 
 Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
-                                     const std::string& json_path) const {
+                                     const std::string& json_path) {
   const auto& s = accessor.sparse;
   const std::size_t index_size = component_size(s.indices.componentType);
   const auto index_offset = static_cast<std::int64_t>(s.indices.byteOffset);
@@ -197,12 +224,24 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
     result.values.resize(accessor.count * width, 0.0);
   }
   if (accessor.sparse.isSparse) PENUMBRA_TRY_VOID(apply_sparse(accessor, result, json_path));
-  for (const double value : result.values) {
+  return checked_elements(std::move(result), {width, width, 0}, json_path);
+}
+
+Result<Elements> checked_elements(Elements elements, const Shape& shape,
+                                  const std::string& json_path) {
+  for (const double value : elements.values) {
     if (!std::isfinite(value)) {
       return fail("{}: has a number that is not finite; export the model again", json_path);
     }
   }
-  return result;
+  if (elements.width < shape.min_width || elements.width > shape.max_width) {
+    return fail("{}: has {} components, {} to {} expected", json_path, elements.width,
+                shape.min_width, shape.max_width);
+  }
+  if (shape.count != 0 && elements.count != shape.count) {
+    return fail("{}: has {} elements for {} vertices", json_path, elements.count, shape.count);
+  }
+  return elements;
 }
 
 Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
@@ -212,14 +251,7 @@ Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
   if (entry == list.end()) return Elements{};
   const std::string json_path = what + "/" + key;
   PENUMBRA_TRY(Elements found, elements(entry->second, json_path));
-  if (found.width < shape.min_width || found.width > shape.max_width) {
-    return fail("{}: has {} components, {} to {} expected", json_path, found.width, shape.min_width,
-                shape.max_width);
-  }
-  if (shape.count != 0 && found.count != shape.count) {
-    return fail("{}: has {} elements for {} vertices", json_path, found.count, shape.count);
-  }
-  return found;
+  return checked_elements(std::move(found), shape, json_path);
 }
 
 }  // namespace penumbra::gltf

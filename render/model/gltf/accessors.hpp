@@ -43,10 +43,14 @@ struct Shape {
 class Accessors {
  public:
   Accessors(const tinygltf::Model& gltf, Buffers& buffers, const ModelLimits& limits)
-      : gltf_(gltf), buffers_(buffers), limits_(limits), zeros_left_(limits.max_vertices) {}
+      : gltf_(gltf),
+        buffers_(buffers),
+        limits_(limits),
+        zeros_left_(limits.max_vertices),
+        decoded_bytes_left_(limits.max_file_bytes) {}
 
-  [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view,
-                                                                 const std::string& what) const;
+  // Returns the bytes of a buffer view, decoded if they are compressed.
+  [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view, const std::string& what);
   // `what`: the JSON path that refers to the accessor.
   [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what);
   // Returns the elements of the accessor list[key], or no elements if there is no such key. `what`:
@@ -73,10 +77,15 @@ class Accessors {
     std::size_t alignment = 0;
     bool strided = false;
   };
+  // Returns bytes of a buffer as they are in the file. `json_path`: what names the buffer.
+  [[nodiscard]] Result<std::span<const std::uint8_t>> stored_bytes(std::size_t buffer,
+                                                                   std::size_t offset,
+                                                                   std::size_t length,
+                                                                   const std::string& json_path);
   [[nodiscard]] Result<StridedRange> strided_range(int view, const Layout& layout,
-                                                   const std::string& what) const;
+                                                   const std::string& what);
   [[nodiscard]] Result<void> apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
-                                          const std::string& json_path) const;
+                                          const std::string& json_path);
 
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
@@ -84,7 +93,21 @@ class Accessors {
   // Number of zeros that accessors without a buffer view may still add. Without a limit, a small
   // file could exhaust the memory.
   std::size_t zeros_left_;
+  // Likewise for compressed buffer views: number of bytes that they may still be decoded to.
+  std::size_t decoded_bytes_left_;
+  std::map<int, std::vector<std::uint8_t>> decoded_views_;
 };
+
+// Returns the elements if they are finite and have the shape.
+[[nodiscard]] Result<Elements> checked_elements(Elements elements, const Shape& shape,
+                                                const std::string& json_path);
+
+// Return the size in bytes and the number of glTF's types; 0 for unknown ones.
+[[nodiscard]] std::size_t component_size(int component_type);
+[[nodiscard]] std::size_t component_count(int type);
+
+// Returns one component as a number; converts normalised integers by glTF 2.0, section 3.11.
+[[nodiscard]] double component_at(const std::uint8_t* bytes, int type, bool normalised);
 
 // Returns true for component types of unsigned integers.
 [[nodiscard]] bool is_unsigned(int component_type);

@@ -8,7 +8,7 @@ namespace penumbra::gltf {
 namespace {
 
 // `none`: has no effect on the image. `ignored` causes a warning. `texture`: materials.cpp warns.
-enum class Effect { read, none, ignored, texture, compression, unknown };
+enum class Effect { read, none, ignored, texture, unknown };
 
 // For an extension, the first entry applies whose `start` is a prefix of its name.
 struct KnownExtension {
@@ -24,9 +24,9 @@ constexpr std::array kKnown{
     KnownExtension{"KHR_mesh_quantization", Effect::read},
     KnownExtension{kInstancing, Effect::read},
     KnownExtension{kVisibility, Effect::read},
-    KnownExtension{kDraco, Effect::compression},
-    KnownExtension{"EXT_meshopt_compression", Effect::compression},
-    KnownExtension{"KHR_meshopt_compression", Effect::compression},
+    KnownExtension{kDraco, Effect::read},
+    KnownExtension{kMeshoptNames[0], Effect::read},
+    KnownExtension{kMeshoptNames[1], Effect::read},
     KnownExtension{"KHR_lights_", Effect::ignored, kNoLights},
     KnownExtension{"EXT_lights_", Effect::ignored, kNoLights},
     KnownExtension{"KHR_materials_variants", Effect::ignored, "the default materials are shown"},
@@ -72,21 +72,15 @@ const KnownExtension& known_extension(std::string_view extension) {
 }  // namespace
 
 const char* compression_of(const tinygltf::BufferView& view) {
-  for (const char* extension : {"EXT_meshopt_compression", "KHR_meshopt_compression"}) {
+  for (const char* extension : kMeshoptNames) {
     if (view.extensions.contains(extension)) return extension;
   }
   return nullptr;
 }
 
-tl::unexpected<Error> fail_compressed(const std::string& extension) {
-  return fail("needs the glTF extension {}, which can't be read yet; export without compression",
-              extension);
-}
-
 Result<void> check_required(const Document& document) {
   for (const std::string& extension : document.model.extensionsRequired) {
     const Effect effect = known_extension(extension).effect;
-    if (effect == Effect::compression) return fail_compressed(extension.substr(0, 80));
     if (effect == Effect::unknown) {
       return fail("needs the glTF extension {}, which can't be read; export without it",
                   extension.substr(0, 80));

@@ -1,6 +1,7 @@
 // glTF extensions: which are supported, ignored or rejected.
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -13,10 +14,10 @@ inline constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
 inline constexpr const char* kVisibility = "KHR_node_visibility";
 inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 
+inline constexpr std::array kMeshoptNames = {"EXT_meshopt_compression", "KHR_meshopt_compression"};
+
 // Returns the extension that compresses a buffer view, or nullptr.
 [[nodiscard]] const char* compression_of(const tinygltf::BufferView& view);
-
-[[nodiscard]] tl::unexpected<Error> fail_compressed(const std::string& extension);
 
 // Fails if the file requires an unsupported extension that may affect its geometry.
 [[nodiscard]] Result<void> check_required(const Document& document);

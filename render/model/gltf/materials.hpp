@@ -15,7 +15,7 @@ namespace penumbra::gltf {
 // image that can't be read causes a warning; its material keeps the plain colour.
 class MaterialReader {
  public:
-  MaterialReader(const Document& document, const Accessors& accessors, Buffers& buffers,
+  MaterialReader(const Document& document, Accessors& accessors, Buffers& buffers,
                  const ModelLimits& limits, Model& model, Notes& notes)
       : document_(document),
         gltf_(document.model),
@@ -47,7 +47,7 @@ class MaterialReader {
 
   const Document& document_;
   const tinygltf::Model& gltf_;
-  const Accessors& accessors_;
+  Accessors& accessors_;
   Buffers& buffers_;
   const ModelLimits& limits_;
   Model& model_;

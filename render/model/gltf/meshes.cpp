@@ -5,7 +5,6 @@
 #include <numeric>
 
 #include "core/propagate.hpp"
-#include "render/model/gltf/extensions.hpp"
 
 namespace penumbra::gltf {
 namespace {
@@ -24,15 +23,6 @@ std::vector<glm::vec3> vectors(const Elements& from) {
 
 int mode_of(const tinygltf::Primitive& primitive) {
   return primitive.mode < 0 ? TINYGLTF_MODE_TRIANGLES : primitive.mode;
-}
-
-// Returns true if a primitive's data exists only in its Draco extension.
-bool is_draco_only(const tinygltf::Primitive& primitive, const Accessors& accessors) {
-  if (!primitive.extensions.contains(kDraco)) return false;
-  return std::ranges::any_of(primitive.attributes, [&](const auto& attribute) {
-    const tinygltf::Accessor* accessor = accessors.find(attribute.second);
-    return accessor != nullptr && accessor->bufferView < 0 && !accessor->sparse.isSparse;
-  });
 }
 
 // Converts a list, strip or fan of triangles to a list.
@@ -78,10 +68,16 @@ Eigen::Matrix4d SkinWeights::blended(std::size_t vertex,
   return sum;
 }
 
+Result<Elements> MeshReader::attribute(const tinygltf::Primitive& from, const std::string& key,
+                                       const Shape& shape, const std::string& what) {
+  if (draco_.has(from, key)) return draco_.attribute(from, key, shape, what);
+  return accessors_.attribute(from.attributes, key, shape, what + "/attributes");
+}
+
 // Returns the corners' vertices in the order of the file.
 Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive& from,
                                                        std::size_t vertices,
-                                                       const std::string& what) const {
+                                                       const std::string& what) {
   std::vector<std::uint32_t> order;
   const auto entry = from.attributes.find(kIndicesKey);
   if (entry == from.attributes.end()) {
@@ -108,12 +104,18 @@ Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive
 // Returns the indices of a triangle list, converted from strips and fans.
 Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primitive& from,
                                                          std::size_t vertices,
-                                                         const std::string& what) const {
-  const int mode = mode_of(from);
+                                                         const std::string& what) {
+  int mode = mode_of(from);
   if (mode > TINYGLTF_MODE_TRIANGLE_FAN) {
     return fail("{}/mode: {} is none of glTF's values", what, mode);
   }
-  PENUMBRA_TRY(const std::vector<std::uint32_t> order, corners(from, vertices, what));
+  std::vector<std::uint32_t> order;
+  if (draco_.has(from, kIndicesKey)) {
+    mode = TINYGLTF_MODE_TRIANGLES;  // Draco's data has no strips
+    PENUMBRA_TRY(order, draco_.corners(from, what));
+  } else {
+    PENUMBRA_TRY(order, corners(from, vertices, what));
+  }
   if (mode == TINYGLTF_MODE_TRIANGLES && order.size() % 3 != 0) {
     return fail("{}: has {} indices, not a multiple of 3", what, order.size());
   }
@@ -126,13 +128,12 @@ Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primiti
 }
 
 Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const std::string& what,
-                                        Mesh& mesh) const {
+                                        Mesh& mesh) {
   std::vector<int> sets = materials_.texcoord_sets(static_cast<std::size_t>(mesh.material));
   if (sets.empty()) sets.push_back(0);
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    PENUMBRA_TRY(const Elements read,
-                 accessors_.attribute(from.attributes, fmt::format("TEXCOORD_{}", sets[s]),
-                                      {2, 2, mesh.positions.size()}, what + "/attributes"));
+    PENUMBRA_TRY(const Elements read, attribute(from, fmt::format("TEXCOORD_{}", sets[s]),
+                                                {2, 2, mesh.positions.size()}, what));
     std::vector<glm::vec2>& to = s == 0 ? mesh.texcoords : mesh.texcoords_2;
     for (std::size_t i = 0; i < read.count; ++i)
       to.emplace_back(static_cast<float>(read.at(i, 0)), static_cast<float>(read.at(i, 1)));
@@ -142,11 +143,10 @@ Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const s
 
 // Reads all attributes except positions.
 Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const std::string& what,
-                                         Mesh& mesh) const {
+                                         Mesh& mesh) {
   const std::size_t count = mesh.positions.size();
   const auto read = [&](const char* key, std::size_t min_width, std::size_t max_width) {
-    return accessors_.attribute(from.attributes, key, {min_width, max_width, count},
-                                what + "/attributes");
+    return attribute(from, key, {min_width, max_width, count}, what);
   };
   PENUMBRA_TRY(const Elements normals, read("NORMAL", 3, 3));
   PENUMBRA_TRY(const Elements colors, read("COLOR_0", 3, 4));
@@ -169,7 +169,7 @@ Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const 
   return {};
 }
 
-Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive& to) const {
+Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive& to) {
   for (std::size_t t = 0; t < from.targets.size(); ++t) {
     const std::string json_path = fmt::format("{}/targets/{}", to.json_path, t);
     MorphTarget target;
@@ -193,7 +193,7 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
 
 // Reads JOINTS_0, WEIGHTS_0 and the following sets.
 Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& from,
-                                                  const Primitive& to) const {
+                                                  const Primitive& to) {
   const std::size_t count = to.mesh.positions.size();
   const std::string json_path = to.json_path + "/attributes";
   std::vector<Elements> joints, weights;
@@ -208,10 +208,8 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
                   has_joints ? weights_key : joints_key);
     }
     if (!has_joints) break;
-    PENUMBRA_TRY(Elements j,
-                 accessors_.attribute(from.attributes, joints_key, {4, 4, count}, json_path));
-    PENUMBRA_TRY(Elements w,
-                 accessors_.attribute(from.attributes, weights_key, {4, 4, count}, json_path));
+    PENUMBRA_TRY(Elements j, attribute(from, joints_key, {4, 4, count}, to.json_path));
+    PENUMBRA_TRY(Elements w, attribute(from, weights_key, {4, 4, count}, to.json_path));
     const tinygltf::Accessor* joint_type = accessors_.find(joints_entry->second);
     const tinygltf::Accessor* weight_type = accessors_.find(weights_entry->second);
     if (!is_unsigned(joint_type->componentType) || joint_type->normalized) {
@@ -260,13 +258,10 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
 }
 
 Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
-                                             const std::string& what,
-                                             std::uint32_t first_vertex) const {
-  if (is_draco_only(from, accessors_)) return fail_compressed(kDraco);
+                                             const std::string& what, std::uint32_t first_vertex) {
   Primitive primitive{what, {}, {}, {}};
   Mesh& mesh = primitive.mesh;
-  PENUMBRA_TRY(const Elements positions,
-               accessors_.attribute(from.attributes, "POSITION", {3, 3, 0}, what + "/attributes"));
+  PENUMBRA_TRY(const Elements positions, attribute(from, "POSITION", {3, 3, 0}, what));
   if (positions.count > limits_.max_vertices) {
     return fail("{}: has {} vertices, more than the {} allowed", what, positions.count,
                 limits_.max_vertices);

@@ -10,6 +10,7 @@
 
 #include "core/error.hpp"
 #include "render/model/gltf/accessors.hpp"
+#include "render/model/gltf/draco_meshes.hpp"
 #include "render/model/gltf/materials.hpp"
 #include "render/model/gltf/notes.hpp"
 
@@ -58,6 +59,7 @@ class MeshReader {
         limits_(limits),
         model_(model),
         notes_(notes),
+        draco_(accessors, limits),
         meshes_(gltf.meshes.size()) {}
 
   // Numbers the vertices of all meshes, including unused ones.
@@ -85,20 +87,24 @@ class MeshReader {
   [[nodiscard]] Result<void> read_mesh(std::size_t index, Entry& entry);
   [[nodiscard]] Result<Primitive> read_primitive(const tinygltf::Primitive& from,
                                                  const std::string& what,
-                                                 std::uint32_t first_vertex) const;
+                                                 std::uint32_t first_vertex);
+  // Returns the elements of an attribute, compressed or not; no elements if there is none. `what`:
+  // JSON path of the primitive.
+  [[nodiscard]] Result<Elements> attribute(const tinygltf::Primitive& from, const std::string& key,
+                                           const Shape& shape, const std::string& what);
   [[nodiscard]] Result<void> read_attributes(const tinygltf::Primitive& from,
-                                             const std::string& what, Mesh& mesh) const;
+                                             const std::string& what, Mesh& mesh);
   [[nodiscard]] Result<void> read_texcoords(const tinygltf::Primitive& from,
-                                            const std::string& what, Mesh& mesh) const;
-  [[nodiscard]] Result<void> read_targets(const tinygltf::Primitive& from, Primitive& to) const;
+                                            const std::string& what, Mesh& mesh);
+  [[nodiscard]] Result<void> read_targets(const tinygltf::Primitive& from, Primitive& to);
   [[nodiscard]] Result<SkinWeights> read_skin_weights(const tinygltf::Primitive& from,
-                                                      const Primitive& to) const;
+                                                      const Primitive& to);
   [[nodiscard]] Result<std::vector<std::uint32_t>> corners(const tinygltf::Primitive& from,
                                                            std::size_t vertices,
-                                                           const std::string& what) const;
+                                                           const std::string& what);
   [[nodiscard]] Result<std::vector<std::uint32_t>> triangles(const tinygltf::Primitive& from,
                                                              std::size_t vertices,
-                                                             const std::string& what) const;
+                                                             const std::string& what);
 
   const tinygltf::Model& gltf_;
   Accessors& accessors_;
@@ -106,6 +112,7 @@ class MeshReader {
   const ModelLimits& limits_;
   Model& model_;
   Notes& notes_;
+  DracoMeshes draco_;
   std::vector<Entry> meshes_;
 };
 

@@ -1,5 +1,6 @@
 #include "render/shadow/kernels/glb_document.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <limits>
@@ -8,6 +9,7 @@
 #include "core/text/text.hpp"
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
+#include "render/model/gltf/extensions.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 
@@ -20,49 +22,88 @@ constexpr std::uint32_t kBinaryChunk = 0x004E4942;
 
 using Json = GlbDocument::Json;
 
-// Redirects a buffer view, or an extension of it, from buffer i to offset `begin[i]` of buffer 0.
-void move_view(Json& view, const std::vector<std::size_t>& begin) {
+// A buffer of the file as a range of a buffer of the .glb.
+struct MovedBuffer {
+  std::size_t buffer = 0;
+  std::size_t begin = 0;
+};
+
+// Redirects a buffer view, or an extension of it, to the buffers of the .glb.
+void move_view(Json& view, const std::vector<MovedBuffer>& moved) {
   if (view.is_object() && view.contains("buffer")) {
-    const std::size_t offset =
-        begin.at(view.at("buffer").get<std::size_t>()) + view.value("byteOffset", std::size_t{0});
-    view["buffer"] = 0;
+    const MovedBuffer& to = moved.at(view.at("buffer").get<std::size_t>());
+    const std::size_t offset = to.begin + view.value("byteOffset", std::size_t{0});
+    view["buffer"] = to.buffer;
     if (offset != 0 || view.contains("byteOffset")) view["byteOffset"] = offset;
   }
   if (!view.contains("extensions")) return;
-  for (auto& extension : view.at("extensions")) move_view(extension, begin);
+  for (auto& extension : view.at("extensions")) move_view(extension, moved);
 }
 
-// Marks the buffer that a buffer view, or an extension of it, refers to.
+// Returns the name of the extension that compresses a buffer view, or nullptr.
+const char* compression_of(const Json& view) {
+  for (const char* name : gltf::kMeshoptNames) {
+    if (view.contains("extensions") && view.at("extensions").contains(name)) return name;
+  }
+  return nullptr;
+}
+
+// Marks the buffers with data that a buffer view, or an extension of it, refers to. The data of a
+// compressed view is in the buffer of its extension.
 void mark_buffers(const Json& view, std::vector<bool>& is_named) {
-  if (view.is_object() && view.contains("buffer")) {
+  if (view.is_object() && view.contains("buffer") && compression_of(view) == nullptr) {
     is_named.at(view.at("buffer").get<std::size_t>()) = true;
   }
   if (!view.contains("extensions")) return;
   for (const auto& extension : view.at("extensions")) mark_buffers(extension, is_named);
 }
 
-// Concatenates the buffers that buffer views refer to. Other buffers may be missing.
+void require_extension(Json& json, const std::string& name) {
+  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+    Json& names = json[list];
+    if (!names.is_array()) names = Json::array();
+    if (std::ranges::count(names, Json(name)) == 0) names.push_back(name);
+  }
+}
+
+// Concatenates the buffers that buffer views refer to. Other buffers may be missing. Those of
+// compressed views become one buffer without data.
 Result<std::vector<std::uint8_t>> joined_buffers(Json& json, gltf::Buffers& buffers) {
   std::vector<std::uint8_t> binary;
-  std::vector<std::size_t> begin(buffers.count(), 0);
+  std::vector<MovedBuffer> moved(buffers.count());
+  std::size_t placeholder_bytes = 0;
   std::vector<bool> is_named(buffers.count(), false);
   if (json.contains("bufferViews")) {
     for (const Json& view : json.at("bufferViews")) mark_buffers(view, is_named);
   }
   for (std::size_t i = 0; i < buffers.count(); ++i) {
-    if (!is_named[i]) continue;
+    if (!is_named[i]) {
+      moved[i] = {1, placeholder_bytes};
+      const std::size_t size = json.at("buffers").at(i).at("byteLength").get<std::size_t>();
+      placeholder_bytes += (size + 3) / 4 * 4;
+      continue;
+    }
     PENUMBRA_TRY(const auto bytes, buffers.bytes(i));
     while (binary.size() % 4 != 0) binary.push_back(0);
-    begin[i] = binary.size();
+    moved[i] = {0, binary.size()};
     binary.insert(binary.end(), bytes.begin(), bytes.end());
   }
-  if (begin.empty()) return binary;
+  if (moved.empty()) return binary;
+  const char* compression = nullptr;
   if (json.contains("bufferViews")) {
-    for (Json& view : json.at("bufferViews")) move_view(view, begin);
+    for (Json& view : json.at("bufferViews")) {
+      if (compression == nullptr) compression = compression_of(view);
+      move_view(view, moved);
+    }
   }
   Json first = json.at("buffers").at(0);
   first.erase("uri");
+  first.erase("extensions");
   json["buffers"] = Json::array({first});
+  if (compression == nullptr) return binary;
+  json["buffers"].push_back(
+      {{"byteLength", placeholder_bytes}, {"extensions", {{compression, {{"fallback", true}}}}}});
+  require_extension(json, compression);
   return binary;
 }
 

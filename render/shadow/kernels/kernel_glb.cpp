@@ -84,9 +84,18 @@ bool replace_vectors(GlbDocument& document, const ReferenceCounts& references,
   const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
   const bool sole = references.of_view.at(view_index) == 1 &&
                     view.value("byteLength", std::size_t{0}) == std::span(vectors).size_bytes() &&
-                    accessor.value("byteOffset", std::size_t{0}) == 0;
+                    accessor.value("byteOffset", std::size_t{0}) == 0 &&
+                    !view.contains("extensions");  // not compressed
   if (!dense || !sole || view.value("buffer", 0) != 0) return false;
   return document.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
+}
+
+// Erases the reference to compressed kernels, which take precedence over an accessor.
+void erase_compressed_kernels(Json& primitive) {
+  if (!primitive.contains("extensions") || !primitive.at("extensions").contains(gltf::kDraco))
+    return;
+  Json& draco = primitive.at("extensions").at(gltf::kDraco);
+  if (draco.contains("attributes")) draco.at("attributes").erase("_SHADOW_KERNEL");
 }
 
 class KernelWriter {
@@ -117,8 +126,9 @@ class KernelWriter {
       PENUMBRA_TRY(const auto local, local_kernels(primitive, count));
       if (!is_copy && replace_vectors(document_, references_, attributes, local)) continue;
       attributes["_SHADOW_KERNEL"] = document_.add_vectors(local);
-      document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
-          std::move(attributes);
+      Json& to = document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index);
+      to["attributes"] = std::move(attributes);
+      erase_compressed_kernels(to);
     }
     const Eigen::Matrix4d& T_root_vertex = use.primitives.front().T_root_vertex.front();
     const Eigen::Matrix3d linear = use.is_skinned
