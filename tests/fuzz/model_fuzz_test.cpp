@@ -1,13 +1,16 @@
 // Damaged models are rejected with an error of one line, or load as valid models. Deterministic.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <random>
 #include <string>
 
 #include "render/model/model.hpp"
 #include "render/scene/scene.hpp"
+#include "support/compressed_gltf.hpp"
 #include "support/gltf_builder.hpp"
 #include "support/paths.hpp"
 #include "support/test_form.hpp"
@@ -84,8 +87,9 @@ int mutations(int nightly) {
   return test::nightly() ? nightly : nightly / 3;
 }
 
-// Tries `count` mutations; returns the number accepted.
-int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
+// Loads `count` files; returns the number accepted.
+int fuzz_model(const std::function<std::string(std::mt19937& random)>& damaged,
+               const std::string& extension, int count, unsigned seed) {
   test::TemporaryFolder folder;
   std::mt19937 random(seed);
   const std::filesystem::path file = folder.path() / ("model" + extension);
@@ -93,7 +97,7 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
   for (int i = 0; i < count; ++i) {
     // Creates a new file, because some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
-    std::ofstream(file, std::ios::binary) << mutated(good, random);
+    std::ofstream(file, std::ios::binary) << damaged(random);
     const Result<Model> model = load_model(file);
     if (model) {
       ++accepted;
@@ -108,6 +112,12 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
     }
   }
   return accepted;
+}
+
+// Tries `count` mutations; returns the number accepted.
+int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
+  return fuzz_model([&good](std::mt19937& random) { return mutated(good, random); }, extension,
+                    count, seed);
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGlb) {
@@ -203,6 +213,50 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedSkinsMorphTargetsAndInstances) {
         fuzz_model(animated_gltf(binary), extension, mutations(4000), binary ? 7 : 8);
     EXPECT_GT(accepted, 0);
     EXPECT_LT(accepted, mutations(4000));
+  }
+}
+
+// Damages the whole file, and in other runs only the compressed bytes.
+void fuzz_compressed(const test::GltfBuilder& file, unsigned seed) {
+  const int accepted = fuzz_model(file.glb(), ".glb", mutations(1500), seed);
+  EXPECT_GT(accepted, 0);
+  EXPECT_LT(accepted, mutations(1500));
+  const auto damaged = [&file](std::mt19937& random) {
+    test::GltfBuilder copy = file;
+    const std::size_t changes = 1 + random() % 4;
+    for (std::size_t i = 0; i < changes; ++i) {
+      // Half of the changes are in the first bytes, which hold counts and methods.
+      const std::size_t end =
+          random() % 2 == 0 ? std::min<std::size_t>(60, copy.binary.size()) : copy.binary.size();
+      char& byte = copy.binary[random() % end];
+      byte = random() % 2 == 0 ? static_cast<char>(random() & 0xFFU)
+                               : static_cast<char>(byte ^ (1 << random() % 8));
+    }
+    return copy.glb();
+  };
+  EXPECT_LT(fuzz_model(damaged, ".glb", mutations(1500), seed + 1), mutations(1500));
+}
+
+TEST(ModelFuzz, LoadsOrRejectsDamagedDraco) {
+  const test::Sheet sheet = test::wavy_sheet();
+  unsigned seed = 20;
+  for (const bool sequential : {false, true}) {
+    for (const bool quantized : {false, true}) {
+      fuzz_compressed(test::draco_gltf(sheet, {sequential, quantized}), seed += 2);
+    }
+  }
+}
+
+TEST(ModelFuzz, LoadsOrRejectsDamagedMeshopt) {
+  const test::Sheet sheet = test::wavy_sheet();
+  unsigned seed = 40;
+  for (const bool filters : {false, true}) {
+    for (const bool index_sequence : {false, true}) {
+      test::MeshoptForm form;
+      form.filters = filters;
+      form.index_sequence = index_sequence;
+      fuzz_compressed(test::meshopt_gltf(sheet, form), seed += 2);
+    }
   }
 }
 
