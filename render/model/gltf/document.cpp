@@ -231,16 +231,25 @@ constexpr std::array kAppearance{
     Field{"materials/*/pbrMetallicRoughness/roughnessFactor", kNumber},
     Field{"materials/*/normalTexture/scale", kNumber},
     Field{"materials/*/occlusionTexture/strength", kNumber},
-    Field{"materials/*/pbrMetallicRoughness/baseColorTexture/index", kIndex},
-    Field{"materials/*/pbrMetallicRoughness/baseColorTexture/texCoord", kIndex},
-    Field{"materials/*/pbrMetallicRoughness/metallicRoughnessTexture/index", kIndex},
-    Field{"materials/*/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", kIndex},
-    Field{"materials/*/normalTexture/index", kIndex},
-    Field{"materials/*/normalTexture/texCoord", kIndex},
-    Field{"materials/*/occlusionTexture/index", kIndex},
-    Field{"materials/*/occlusionTexture/texCoord", kIndex},
-    Field{"materials/*/emissiveTexture/index", kIndex},
-    Field{"materials/*/emissiveTexture/texCoord", kIndex},
+};
+
+constexpr std::array<std::string_view, 5> kTextureInfos = {
+    "materials/*/pbrMetallicRoughness/baseColorTexture",
+    "materials/*/pbrMetallicRoughness/metallicRoughnessTexture",
+    "materials/*/normalTexture",
+    "materials/*/occlusionTexture",
+    "materials/*/emissiveTexture",
+};
+// Fields of each texture reference.
+constexpr std::array kTextureInfoFields{
+    Field{"index", kIndex},
+    Field{"texCoord", kIndex},
+    Field{"extensions", kObject},
+    Field{"extensions/KHR_texture_transform", kObject},
+    Field{"extensions/KHR_texture_transform/offset", kNumbers},
+    Field{"extensions/KHR_texture_transform/rotation", kNumber},
+    Field{"extensions/KHR_texture_transform/scale", kNumbers},
+    Field{"extensions/KHR_texture_transform/texCoord", kIndex},
 };
 
 // Checks the types of all fields that are read, because tinygltf treats a field of a wrong type as
@@ -254,6 +263,12 @@ std::optional<std::string> find_invalid_field(Json& root, std::vector<std::strin
   checker.erases = true;
   for (const Field& field : kAppearance) {
     if (auto fault = checker.check(root, field.path, field.type)) return fault;
+  }
+  for (const std::string_view info : kTextureInfos) {
+    for (const Field& field : kTextureInfoFields) {
+      const std::string path = fmt::format("{}/{}", info, field.path);
+      if (auto fault = checker.check(root, path, field.type)) return fault;
+    }
   }
   erased = std::move(checker.erased);
   return std::nullopt;

@@ -12,6 +12,7 @@ namespace penumbra::gltf {
 
 inline constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
 inline constexpr const char* kVisibility = "KHR_node_visibility";
+inline constexpr const char* kTextureTransform = "KHR_texture_transform";
 inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 
 inline constexpr std::array kMeshoptNames = {"EXT_meshopt_compression", "KHR_meshopt_compression"};

@@ -67,7 +67,7 @@ Result<TextureSampling> MaterialReader::sampling(int index) const {
 
 template <class Info>
 Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::string& what,
-                                                std::vector<int>& texcoord_sets) {
+                                                std::vector<TextureLayout>& layouts) {
   MaterialTexture result;
   if (info.index < 0) return result;
   if (!has(gltf_.textures, info.index)) {
@@ -77,23 +77,21 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
                sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler));
   const int image = image_of(info.index);
   if (image < 0) return result;
-  if (info.extensions.contains("KHR_texture_transform")) {
-    notes_.add("its KHR_texture_transform is ignored; apply it to the texture coordinates", what);
-  }
-  auto set = std::ranges::find(texcoord_sets, info.texCoord);
-  if (set == texcoord_sets.end()) {
-    if (texcoord_sets.size() == 2) {
+  const TextureLayout layout = texture_layout(info.texCoord, info.extensions, what, notes_);
+  auto known = std::ranges::find(layouts, layout);
+  if (known == layouts.end()) {
+    if (layouts.size() == 2) {
       notes_.add(
           "is ignored: it is the third of its material's textures that are laid out in different "
           "ways",
           what);
       return result;
     }
-    texcoord_sets.push_back(info.texCoord);
-    set = texcoord_sets.end() - 1;
+    layouts.push_back(layout);
+    known = layouts.end() - 1;
   }
   result.image = image;
-  result.texcoords = static_cast<int>(set - texcoord_sets.begin());
+  result.texcoords = static_cast<int>(known - layouts.begin());
   result.sampling = sampled;
   return result;
 }
@@ -188,9 +186,9 @@ Result<Material> MaterialReader::factors(std::size_t index) const {
 Result<void> MaterialReader::read_textures(std::size_t index, Material& to) {
   const tinygltf::Material& from = gltf_.materials[index];
   const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
-  std::vector<int>& sets = texcoord_sets_[index];
+  std::vector<TextureLayout>& layouts = layouts_[index];
   const auto read = [&](const auto& info, const char* which) {
-    return texture(info, fmt::format("materials/{}/{}", index, which), sets);
+    return texture(info, fmt::format("materials/{}/{}", index, which), layouts);
   };
   PENUMBRA_TRY(to.base_color_texture, read(pbr.baseColorTexture, "baseColorTexture"));
   PENUMBRA_TRY(to.metallic_roughness_texture,
@@ -202,7 +200,7 @@ Result<void> MaterialReader::read_textures(std::size_t index, Material& to) {
 }
 
 Result<void> MaterialReader::read(const std::vector<bool>& used) {
-  texcoord_sets_.resize(gltf_.materials.size() + 1);
+  layouts_.resize(gltf_.materials.size() + 1);
   for (std::size_t i = 0; i < gltf_.materials.size(); ++i) {
     Material material;
     material.name = gltf_.materials[i].name;

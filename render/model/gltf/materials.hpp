@@ -8,6 +8,7 @@
 #include "core/error.hpp"
 #include "render/model/gltf/accessors.hpp"
 #include "render/model/gltf/notes.hpp"
+#include "render/model/gltf/texture_layout.hpp"
 
 namespace penumbra::gltf {
 
@@ -28,9 +29,9 @@ class MaterialReader {
   // `used`: per material, whether to read its factors and images.
   [[nodiscard]] Result<void> read(const std::vector<bool>& used);
 
-  // Returns the TEXCOORD sets of a material's textures, at most two.
-  [[nodiscard]] const std::vector<int>& texcoord_sets(std::size_t material) const {
-    return texcoord_sets_[material];
+  // Returns the layouts of a material's textures, at most two.
+  [[nodiscard]] const std::vector<TextureLayout>& layouts(std::size_t material) const {
+    return layouts_[material];
   }
 
  private:
@@ -39,7 +40,7 @@ class MaterialReader {
   // `Info`: one of tinygltf's types of texture reference.
   template <class Info>
   [[nodiscard]] Result<MaterialTexture> texture(const Info& info, const std::string& what,
-                                                std::vector<int>& texcoord_sets);
+                                                std::vector<TextureLayout>& layouts);
   [[nodiscard]] Result<TextureSampling> sampling(int sampler) const;
   // Returns an index into the model's textures, or -1 if the image can't be read.
   [[nodiscard]] int image_of(int texture);
@@ -53,7 +54,7 @@ class MaterialReader {
   Model& model_;
   Notes& notes_;
   std::unordered_map<int, int> texture_of_image_;
-  std::vector<std::vector<int>> texcoord_sets_;
+  std::vector<std::vector<TextureLayout>> layouts_;  // per material
 };
 
 }  // namespace penumbra::gltf

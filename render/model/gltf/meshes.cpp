@@ -129,14 +129,14 @@ Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primiti
 
 Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const std::string& what,
                                         Mesh& mesh) {
-  std::vector<int> sets = materials_.texcoord_sets(static_cast<std::size_t>(mesh.material));
-  if (sets.empty()) sets.push_back(0);
-  for (std::size_t s = 0; s < sets.size(); ++s) {
-    PENUMBRA_TRY(const Elements read, attribute(from, fmt::format("TEXCOORD_{}", sets[s]),
+  std::vector<TextureLayout> layouts = materials_.layouts(static_cast<std::size_t>(mesh.material));
+  if (layouts.empty()) layouts.emplace_back();
+  for (std::size_t s = 0; s < layouts.size(); ++s) {
+    PENUMBRA_TRY(const Elements read, attribute(from, fmt::format("TEXCOORD_{}", layouts[s].set),
                                                 {2, 2, mesh.positions.size()}, what));
     std::vector<glm::vec2>& to = s == 0 ? mesh.texcoords : mesh.texcoords_2;
     for (std::size_t i = 0; i < read.count; ++i)
-      to.emplace_back(static_cast<float>(read.at(i, 0)), static_cast<float>(read.at(i, 1)));
+      to.push_back(layouts[s].apply({read.at(i, 0), read.at(i, 1)}));
   }
   return {};
 }
@@ -162,6 +162,10 @@ Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const 
   }
   const Material& material = model_.materials[static_cast<std::size_t>(mesh.material)];
   if (material.normal_texture.image < 0) return {};
+  // The file's tangents are for the untransformed coordinates. place_all() computes others.
+  const auto& layouts = materials_.layouts(static_cast<std::size_t>(mesh.material));
+  if (!layouts[static_cast<std::size_t>(material.normal_texture.texcoords)].keeps_directions())
+    return {};
   PENUMBRA_TRY(const Elements tangents, read("TANGENT", 4, 4));
   for (std::size_t i = 0; i < tangents.count; ++i) {
     mesh.tangents.emplace_back(vector_at(tangents, i), number(tangents, i, 3));

@@ -478,13 +478,22 @@ TEST_F(GltfModelFile, ReportsAndIgnoresMalformedMaterialFields) {
 TEST_F(GltfModelFile, ReportsRequiredExtensionsThatKeepShape) {
   for (const char* extension :
        {"KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_variants",
-        "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform", "KHR_texture_basisu",
-        "EXT_texture_webp", "EXT_texture_avif", "KHR_lights_punctual", "EXT_lights_image_based",
-        "KHR_xmp_json_ld", "KHR_animation_pointer", "MSFT_lod", "AGI_articulations"}) {
+        "KHR_materials_pbrSpecularGlossiness", "KHR_texture_basisu", "EXT_texture_webp",
+        "EXT_texture_avif", "KHR_lights_punctual", "EXT_lights_image_based", "KHR_xmp_json_ld",
+        "KHR_animation_pointer", "MSFT_lod", "AGI_articulations"}) {
     GltfBuilder file = square();
     file.json["extensionsRequired"] = {extension};
     expect_square_with_warning(
         file, std::string("needs the glTF extension ") + extension + ", which is not read");
+  }
+}
+
+TEST_F(GltfModelFile, ReadsRequiredExtensionsWithoutWarning) {
+  for (const char* extension : {"KHR_texture_transform", "KHR_draco_mesh_compression",
+                                "EXT_meshopt_compression", "KHR_meshopt_compression"}) {
+    GltfBuilder file = square();
+    file.json["extensionsRequired"] = {extension};
+    expect_square(file);
   }
 }
 

@@ -6,9 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <glm/geometric.hpp>
 #include <map>
 #include <random>
 
+#include "render/model/cut_out.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "support/paths.hpp"
 #include "support/studio.hpp"
 #include "support/test_form.hpp"
@@ -23,6 +26,7 @@ using test::RenderedImage;
 using test::SceneBuilder;
 using test::Studio;
 using test::TexturedSquare;
+using testing::ElementsAre;
 using testing::HasSubstr;
 
 constexpr int kSide = 240;
@@ -487,18 +491,163 @@ TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   EXPECT_GT(hidden, 5000);
 }
 
-TEST(Materials, ReportsIgnoredMaterialFeatures) {
+// --- KHR_texture_transform ---
+
+// Four colours that differ in every channel.
+RgbaImage quarters() {
+  return test::image_of(2, 2, [](int x, int y) {
+    return std::array<int, 4>{x == 0 ? 40 : 220, y == 0 ? 60 : 230, x == y ? 90 : 200, 255};
+  });
+}
+
+struct Transform {
+  std::array<double, 2> offset = {0.0, 0.0};
+  double rotation = 0.0;
+  std::array<double, 2> scale = {1.0, 1.0};
+
+  // JSON fields of a texture reference with this transform.
+  [[nodiscard]] std::string json(int texture = 0) const {
+    return fmt::format(
+        R"("index":{},"extensions":{{"KHR_texture_transform":{{"offset":[{},{}],"rotation":{},"scale":[{},{}]}}}})",
+        texture, offset[0], offset[1], rotation, scale[0], scale[1]);
+  }
+  // A counter-clockwise rotation where v points down, as seen in the texture.
+  [[nodiscard]] std::vector<std::array<float, 2>> applied(
+      const std::vector<std::array<float, 2>>& texcoords) const {
+    std::vector<std::array<float, 2>> result;
+    for (const auto& [u, v] : texcoords) {
+      const double x = scale[0] * static_cast<double>(u);
+      const double up = -scale[1] * static_cast<double>(v);
+      const double turned_x = std::cos(rotation) * x - std::sin(rotation) * up;
+      const double turned_up = std::sin(rotation) * x + std::cos(rotation) * up;
+      result.push_back(
+          {static_cast<float>(turned_x + offset[0]), static_cast<float>(-turned_up + offset[1])});
+    }
+    return result;
+  }
+};
+constexpr Transform kSkewed{{0.1, -0.3}, 0.6, {0.8, 1.3}};
+constexpr Transform kMirrored{{0.9, 0.2}, -2.0, {-0.7, 0.4}};
+
+TEST(Materials, TransformsCoordinatesOfEachTexture) {
+  const std::string base = R"("pbrMetallicRoughness":{"metallicFactor":0.5,)";
+  for (const auto& [before, after] : std::vector<std::pair<std::string, std::string>>{
+           {base + R"("baseColorTexture":{)", "}}"},
+           {base + R"("metallicRoughnessTexture":{)", "}}"},
+           {R"("normalTexture":{)", "}"},
+           {R"("occlusionTexture":{)", "}"},
+           {R"("emissiveFactor":[1,1,1],"emissiveTexture":{)", "}"}}) {
+    for (const Transform& transform : {kSkewed, kMirrored}) {
+      SCOPED_TRACE(before);
+      TexturedSquare square = square_of(before + transform.json() + after, {quarters()});
+      const RenderedImage image = drawn(square);
+      TexturedSquare expected = square_of(before + R"("index":0)" + after, {quarters()});
+      EXPECT_GT(largest_difference(image, drawn(expected)), 5);
+      expected.texcoords = transform.applied(square.texcoords);
+      EXPECT_LE(largest_difference(image, drawn(expected)), 1);
+    }
+  }
+}
+
+TEST(Materials, TransformsTexturesOfOneMaterialDifferently) {
+  const auto material = [](const std::string& base, const std::string& emissive) {
+    return fmt::format(
+        R"("pbrMetallicRoughness":{{"baseColorTexture":{{{}}}}},"emissiveFactor":[1,1,1],"emissiveTexture":{{{}}})",
+        base, emissive);
+  };
+  TexturedSquare square =
+      square_of(material(kSkewed.json(), kMirrored.json(1)), {quarters(), quarters()});
+  TexturedSquare expected =
+      square_of(material(R"("index":0)", R"("index":1,"texCoord":1)"), {quarters(), quarters()});
+  expected.texcoords = kSkewed.applied(square.texcoords);
+  expected.texcoords_1 = kMirrored.applied(square.texcoords);
+  EXPECT_LE(largest_difference(drawn(square), drawn(expected)), 1);
+}
+
+TEST(Materials, TurnsTangentsWithTransformedNormalTexture) {
+  TexturedSquare square = square_of(R"("normalTexture":{)" + kMirrored.json() + "}", {quarters()});
+  const RenderedImage derived = drawn(square);
+  // The file's tangents are for the untransformed layout.
+  square.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
+  EXPECT_LE(largest_difference(drawn(square), derived), 1);
+  // A transform that does not turn the texture keeps them.
+  const Transform wider{{0.2, 0.1}, 0.0, {2.0, 0.5}};
+  square.material = R"("normalTexture":{)" + wider.json() + "}";
+  square.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});
+  const auto model = model_of(square);
+  ASSERT_EQ(model->meshes[0].tangents.size(), 4U);
+  EXPECT_EQ(model->meshes[0].tangents[0], glm::vec4(0, 1, 0, 1));
+}
+
+TEST(Materials, MapsExampleOfTransformToLowerLeftQuarter) {
   TexturedSquare square = square_of(
-      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[2,2]}}}})",
+      R"("emissiveTexture":{"index":0,"texCoord":1,"extensions":{"KHR_texture_transform":{"offset":[0,1],"rotation":1.57079632679,"scale":[0.5,0.5],"texCoord":0}}})",
+      {quarters()});
+  square.texcoords_1 = {{9, 9}, {9, 9}, {9, 9}, {9, 9}};
+  const auto model = model_of(square);
+  EXPECT_TRUE(model->warnings.empty());
+  const std::vector<glm::vec2> expected = {{0.5, 1}, {0.5, 0.5}, {0, 0.5}, {0, 1}};
+  ASSERT_EQ(model->meshes[0].texcoords.size(), expected.size());
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_LE(glm::distance(model->meshes[0].texcoords[i], expected[i]), 1e-6F) << i;
+  }
+}
+
+TEST(Materials, CutsOutByTransformedCoordinates) {
+  // The left half of the texture is opaque.
+  const RgbaImage half = test::image_of(2, 1, [](int x, int) {
+    return std::array<int, 4>{200, 200, 200, x == 0 ? 255 : 0};
+  });
+  const auto area = [&](const Transform& transform) {
+    TexturedSquare square =
+        square_of(R"("alphaMode":"MASK","pbrMetallicRoughness":{"baseColorTexture":{)" +
+                      transform.json() + "}}",
+                  {half});
+    square.samplers = R"({"magFilter":9728,"minFilter":9728})";
+    const auto model = model_of(square);
+    const ShadowMesh seen = make_shadow_mesh(*model, {}, CutOuts::visible_regions);
+    double sum = 0.0;
+    for (std::size_t i = 0; i < seen.indices.size(); i += 3) {
+      const glm::dvec3 a(seen.positions[seen.indices[i]]), b(seen.positions[seen.indices[i + 1]]),
+          c(seen.positions[seen.indices[i + 2]]);
+      sum += 0.5 * glm::length(glm::cross(b - a, c - a));
+    }
+    return sum;
+  };
+  // Tolerance: the resolution of visible regions.
+  EXPECT_NEAR(area({}), 0.02, 1e-5);
+  EXPECT_NEAR(area({{0.0, 0.0}, 0.0, {0.4, 1.0}}), 0.04, 1e-7);
+  EXPECT_EQ(area({{0.55, 0.0}, 0.0, {0.4, 1.0}}), 0.0);
+  EXPECT_NEAR(area({{0.0, 0.0}, 0.0, {0.75, 1.0}}), 0.04 * 2.0 / 3.0, 3e-5);
+}
+
+TEST(Materials, ReportsMalformedTransform) {
+  const auto warnings = [](const std::string& transform) {
+    const auto model = model_of(square_of(
+        R"("emissiveTexture":{"index":0,"extensions":{"KHR_texture_transform":)" + transform + "}}",
+        {quarters()}));
+    EXPECT_EQ(model->meshes[0].texcoords[0], glm::vec2(0, 1));
+    return model->warnings;
+  };
+  EXPECT_TRUE(warnings("{}").empty());
+  for (const char* transform : {R"({"offset":[1]})", R"({"scale":[1,2,3]})",
+                                R"({"scale":[1e30,1]})", R"({"rotation":1e9})"}) {
+    EXPECT_THAT(warnings(transform),
+                ElementsAre(HasSubstr("materials/0/emissiveTexture: its texture transform is "
+                                      "malformed and is ignored")))
+        << transform;
+  }
+  EXPECT_THAT(
+      warnings(R"({"offset":"far"})"),
+      ElementsAre(HasSubstr("KHR_texture_transform/offset: is \"far\"; a list of numbers")));
+  EXPECT_THAT(warnings(R"({"texCoord":-1})"), ElementsAre(HasSubstr("texCoord: is -1")));
+}
+
+TEST(Materials, ReportsIgnoredMaterialFeatures) {
+  const TexturedSquare square = square_of(
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":0,"texCoord":1}},"emissiveTexture":{"index":0,"texCoord":2})",
       {one_color(200, 100, 50)});
-  auto model = loaded(square);
-  ASSERT_TRUE(model) << model.error().message;
-  ASSERT_EQ(model->warnings.size(), 1U);
-  EXPECT_THAT(model->warnings[0], HasSubstr("materials/0/baseColorTexture: its "
-                                            "KHR_texture_transform is ignored"));
-  square.material =
-      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":0,"texCoord":1}},"emissiveTexture":{"index":0,"texCoord":2})";
-  model = loaded(square);
+  const auto model = loaded(square);
   ASSERT_TRUE(model) << model.error().message;
   ASSERT_EQ(model->warnings.size(), 1U);
   EXPECT_THAT(model->warnings[0],
