@@ -34,14 +34,18 @@ struct MaterialTexture {
 // glTF's alpha modes. mask: transparent below a cutoff.
 enum class AlphaMode { opaque, mask, blend };
 
+// Emitted light that is far brighter than white; larger factors make no difference.
+inline constexpr float kMaxEmissive = 1e4F;
+
 // Factors, each multiplied by its texture.
 struct Material {
   std::string name;
   glm::vec4 base_color{1.0F};  // linear light; w: opacity, except in mode opaque
-  glm::vec3 emissive{0.0F};    // linear light
+  glm::vec3 emissive{0.0F};    // linear light; up to kMaxEmissive
   float metallic = 0.0F;
   float roughness = 0.8F;
   bool double_sided = false;
+  bool unlit = false;  // drawn in the base colour, without lights and shadows
   AlphaMode alpha_mode = AlphaMode::opaque;
   float alpha_cutoff = 0.5F;
   float normal_scale = 1.0F;                   // factor on x and y of the normal texture

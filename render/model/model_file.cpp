@@ -307,8 +307,10 @@ Result<void> check_material(const Material& material, const Model& model) {
   const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
   bool good = in_unit(material.metallic) && in_unit(material.roughness);
   for (int i = 0; i < 4; ++i) good = good && in_unit(material.base_color[i]);
-  for (int i = 0; i < 3; ++i) good = good && in_unit(material.emissive[i]);
-  if (!good) return fail("a factor is outside 0 to 1");
+  for (int i = 0; i < 3; ++i) {
+    good = good && material.emissive[i] >= 0.0F && material.emissive[i] <= kMaxEmissive;
+  }
+  if (!good) return fail("a factor is outside 0 to 1 (emission: {:g})", kMaxEmissive);
   if (!(std::abs(material.normal_scale) <= 1e3F) || !in_unit(material.occlusion_strength) ||
       !(material.alpha_cutoff >= 0.0F && material.alpha_cutoff <= 1e3F)) {
     return fail("normal scale {}, occlusion strength {} or alpha cutoff {} is out of range",

@@ -25,6 +25,8 @@ struct MapVertex {
   glm::vec2 texcoord_2;
 };
 
+constexpr const char* kMapsDefine = "MATERIAL_MAPS";
+
 // Texture units; other programs use 1 to 7.
 constexpr int kBaseColorUnit = 0;
 constexpr int kMetalUnit = 8;
@@ -75,18 +77,23 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
   };
   const ShaderFiles vertex = {"lens.glsl", "object.vert.glsl"};
   const bool maps = any_material(&Material::needs_map_program);
+  const ShaderFiles lit = {"ambient.glsl", "light_share.glsl", "surface_normal.glsl",
+                           "object.frag.glsl"};
   const auto make = [&](std::vector<std::string_view> defines) -> Result<SurfaceProgram> {
-    const ShaderFiles fragment = {"ambient.glsl", "light_share.glsl", "surface_normal.glsl",
-                                  "object.frag.glsl"};
     SurfaceProgram program;
-    PENUMBRA_TRY(program.plain, TranslucentProgram::create(api, vertex, fragment, defines));
+    PENUMBRA_TRY(program.plain, TranslucentProgram::create(api, vertex, lit, defines));
     if (!maps) return program;
-    defines.emplace_back("MATERIAL_MAPS");
-    PENUMBRA_TRY(program.maps, TranslucentProgram::create(api, vertex, fragment, defines));
+    defines.emplace_back(kMapsDefine);
+    PENUMBRA_TRY(program.maps, TranslucentProgram::create(api, vertex, lit, defines));
     return program;
   };
   ObjectPainter painter;
   PENUMBRA_TRY(painter.lit_program_, make({kLightDefine}));
+  if (any_material([](const Material& material) { return material.unlit; })) {
+    PENUMBRA_TRY(
+        painter.lit_program_.unlit,
+        TranslucentProgram::create(api, vertex, lit, {kLightDefine, kMapsDefine, "UNLIT"}));
+  }
   PENUMBRA_TRY(painter.darkening_program_, make({kLightDefine, "DARKENS"}));
   static_assert(kMaxReceivingLevels == 64);
   PENUMBRA_TRY(painter.masked_program_,
@@ -183,21 +190,22 @@ Result<void> ObjectPainter::choose(Translucency mode, std::optional<PixelFormat>
   for (SurfaceProgram* program : {&lit_program_, &darkening_program_}) {
     PENUMBRA_TRY_VOID(program->plain.choose(mode, video));
     if (program->maps) PENUMBRA_TRY_VOID(program->maps->choose(mode, video));
+    if (program->unlit) PENUMBRA_TRY_VOID(program->unlit->choose(mode, video));
   }
   return masked_program_.choose(mode, video);
 }
 
 ObjectPainter::Programs ObjectPainter::SurfaceProgram::opaque() const {
-  return {plain.plain(), maps ? &maps->plain() : nullptr};
+  return {plain.plain(), maps ? &maps->plain() : nullptr, unlit ? &unlit->plain() : nullptr};
 }
 
 ObjectPainter::Programs ObjectPainter::SurfaceProgram::chosen() const {
-  return {plain.get(), maps ? &maps->get() : nullptr};
+  return {plain.get(), maps ? &maps->get() : nullptr, unlit ? &unlit->get() : nullptr};
 }
 
 template <class Action>
 void ObjectPainter::for_each(const Programs& programs, const Action& action) {
-  for (const ShaderProgram* program : {programs.maps, &programs.plain}) {
+  for (const ShaderProgram* program : {programs.unlit, programs.maps, &programs.plain}) {
     if (program == nullptr) continue;
     program->use();
     action(*program);
@@ -250,7 +258,14 @@ void ObjectPainter::set_material(const ShaderProgram& program, const GpuModel& g
   program.set("alpha_blends", material.alpha_mode == AlphaMode::blend ? 1 : 0);
 }
 
-int ObjectPainter::draw_surfaces(const ShaderProgram& program, bool maps, const Programs& programs,
+const ShaderProgram* ObjectPainter::program_for(const Programs& programs, const Material& material,
+                                                bool phantom) {
+  // A phantom stands for a real object, which is lit.
+  if (material.unlit && !phantom) return programs.unlit;
+  return programs.maps != nullptr && material.needs_map_program() ? programs.maps : &programs.plain;
+}
+
+int ObjectPainter::draw_surfaces(const ShaderProgram& program, const Programs& programs,
                                  std::span<const ObjectDraw> draws, const CameraPose& pose) const {
   int calls = 0;
   bool culls = false;
@@ -264,14 +279,14 @@ int ObjectPainter::draw_surfaces(const ShaderProgram& program, bool maps, const 
     bool placed = false;
     for (const GpuMesh& mesh : gpu->meshes) {
       const Material& material = material_of(model, mesh.material);
-      if ((programs.maps != nullptr && material.needs_map_program()) != maps) continue;
+      if (program_for(programs, material, phantom) != &program) continue;
       if (material.alpha_mode == AlphaMode::blend && !phantom) continue;
       if (!placed) {
         program.set("table_from_object", to_gl(draw.T_table_object));
         program.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
         placed = true;
       }
-      set_material(program, *gpu, mesh.material, maps);
+      set_material(program, *gpu, mesh.material, &program != &programs.plain);
       // Phantoms occlude with either orientation of their faces.
       const bool one_sided = model.culls_back_faces && !material.double_sided && !phantom;
       if (one_sided != culls) one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
@@ -287,8 +302,10 @@ int ObjectPainter::draw_surfaces(const ShaderProgram& program, bool maps, const 
 int ObjectPainter::draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                             const CameraPose& pose) const {
   glFrontFace(GL_CW);  // selects counter-clockwise faces, as row 0 of the framebuffer is the top
-  int calls = draw_surfaces(programs.plain, false, programs, draws, pose);
-  if (programs.maps != nullptr) calls += draw_surfaces(*programs.maps, true, programs, draws, pose);
+  int calls = 0;
+  for (const ShaderProgram* program : {&programs.plain, programs.maps, programs.unlit}) {
+    if (program != nullptr) calls += draw_surfaces(*program, programs, draws, pose);
+  }
   return calls;
 }
 
@@ -378,9 +395,7 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   std::ranges::stable_sort(surfaces, std::greater<>(), &Surface::depth);
 
   const Programs programs = lit_program_.chosen();
-  const ShaderProgram& program = *programs.maps;
   begin_lit(programs, plan, lens);
-  program.use();
   const bool door = mode_ != Translucency::blend && mode_ != Translucency::retexture;
   glFrontFace(GL_CW);
   glDisable(GL_STENCIL_TEST);
@@ -404,6 +419,8 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
       sorted.insert(sorted.end(), mesh.faces[face].begin(), mesh.faces[face].end());
     if (mode_ == Translucency::retexture) framebuffer.copy_image(kFramebufferCopyUnit);
     begin_translucent(mode_, Blending::see_through);
+    const ShaderProgram& program = *program_for(programs, material_of(model, mesh.material), false);
+    program.use();
     program.set("opacity", surface.draw->opacity);
     program.set("table_from_object", to_gl(surface.draw->T_table_object));
     program.set("camera_from_object", surface.camera_from_object);

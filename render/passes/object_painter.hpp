@@ -1,5 +1,5 @@
 // Draws virtual objects with light and depth, and phantoms with depth alone. Materials with further
-// maps besides the base colour use a separate, slower program.
+// maps besides the base colour use a separate, slower program, and unlit materials another one.
 #pragma once
 
 #include <array>
@@ -98,11 +98,13 @@ class ObjectPainter {
   };
   struct Programs {
     const ShaderProgram& plain;
-    const ShaderProgram* maps = nullptr;  // for materials with maps; nullptr: uses `plain`
+    const ShaderProgram* maps = nullptr;   // for materials with maps; nullptr: uses `plain`
+    const ShaderProgram* unlit = nullptr;  // nullptr: unlit surfaces are not drawn
   };
   struct SurfaceProgram {
     TranslucentProgram plain;
-    std::optional<TranslucentProgram> maps;  // if the scene has such materials
+    std::optional<TranslucentProgram> maps;   // if the scene has such materials
+    std::optional<TranslucentProgram> unlit;  // likewise; not for shadows
     [[nodiscard]] Programs opaque() const;
     [[nodiscard]] Programs chosen() const;
   };
@@ -110,10 +112,13 @@ class ObjectPainter {
                                           float max_edge);
   static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
                                      bool color);
+  // Returns the program that draws a surface, or nullptr if none does.
+  static const ShaderProgram* program_for(const Programs& programs, const Material& material,
+                                          bool phantom);
   // Draws the surfaces that do not blend; of phantoms, all surfaces.
   int draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
-  int draw_surfaces(const ShaderProgram& program, bool maps, const Programs& programs,
+  int draw_surfaces(const ShaderProgram& program, const Programs& programs,
                     std::span<const ObjectDraw> draws, const CameraPose& pose) const;
   static void set_material(const ShaderProgram& program, const GpuModel& gpu, int material,
                            bool maps);

@@ -1,5 +1,6 @@
 // Metallic-roughness surface under a few lights and hemisphere ambient light. Computes linear light
 // and encodes it with the camera response. DARKENS: darkens the surface by a shadow instead.
+// UNLIT: draws the base colour as it is.
 in vec3 table_point;
 in vec3 table_normal;  // not of unit length
 in vec2 uv;  // texture coordinates
@@ -71,19 +72,28 @@ void main() {
   if (has_texture != 0)
     alpha *= texture(base_color_texture, map_uv(base_color_by_second)).a;
   if (alpha < alpha_cutoff) discard;
+#if !defined(UNLIT)
   n = mapped_normal(n);
+#endif
 #endif
 #if defined(DARKENS)
   color = darkening(blocked_share(table_point, n), opacity, darkens == 2);
 #else
   vec3 albedo = base_color * tint.rgb;
+#if defined(MATERIAL_MAPS)
+  if (has_texture != 0)
+    albedo *= texture(base_color_texture, map_uv(base_color_by_second)).rgb;
+#else
+  if (has_texture != 0) albedo *= texture(base_color_texture, uv).rgb;
+#endif
+#if defined(UNLIT)
+  vec3 sum = albedo;
+#else
   vec3 emitted = emissive;
   float metal = metallic;
   float rough = roughness;
   float occlusion = 1.0;
 #if defined(MATERIAL_MAPS)
-  if (has_texture != 0)
-    albedo *= texture(base_color_texture, map_uv(base_color_by_second)).rgb;
   if (has_emissive_map.x > 0.5)
     emitted *= texture(emissive_map, map_uv(has_emissive_map.y)).rgb;
   if (has_metal_map.x > 0.5) {
@@ -95,8 +105,6 @@ void main() {
     float map_occlusion = texture(occlusion_map, map_uv(has_occlusion_map.y)).r;
     occlusion = 1.0 + occlusion_strength * (map_occlusion - 1.0);
   }
-#else
-  if (has_texture != 0) albedo *= texture(base_color_texture, uv).rgb;
 #endif
   float n_v = max(dot(n, view), 1.0e-3);
 
@@ -133,6 +141,7 @@ void main() {
   const float knee = 0.75;
   vec3 over = max(sum - knee, 0.0);
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
+#endif
   vec3 low = sum * 12.92;
   vec3 high = tone.y * pow(max(sum, tone.w), vec3(tone.x)) - tone.z;
   vec3 encoded = mix(high, low, vec3(lessThan(sum, vec3(tone.w))));

@@ -222,6 +222,8 @@ constexpr std::array kAppearance{
     Field{"samplers/*/wrapS", kIndex},
     Field{"samplers/*/wrapT", kIndex},
     Field{"materials/*/extensions", kObject},
+    Field{"materials/*/extensions/KHR_materials_unlit", kObject},
+    Field{"materials/*/extensions/KHR_materials_emissive_strength/emissiveStrength", kNumber},
     Field{"materials/*/alphaMode", kText},
     Field{"materials/*/alphaCutoff", kNumber},
     Field{"materials/*/doubleSided", kFlag},

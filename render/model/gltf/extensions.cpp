@@ -30,6 +30,8 @@ constexpr std::array kKnown{
     KnownExtension{"KHR_lights_", Effect::ignored, kNoLights},
     KnownExtension{"EXT_lights_", Effect::ignored, kNoLights},
     KnownExtension{"KHR_materials_variants", Effect::ignored, "the default materials are shown"},
+    KnownExtension{kUnlit, Effect::read},
+    KnownExtension{kEmissiveStrength, Effect::read},
     KnownExtension{"KHR_materials_", Effect::ignored, kBaseMaterials},
     KnownExtension{"EXT_materials_", Effect::ignored, kBaseMaterials},
     KnownExtension{"ADOBE_materials_", Effect::ignored, kBaseMaterials},

@@ -4,6 +4,7 @@
 #include <array>
 
 #include "core/propagate.hpp"
+#include "render/model/gltf/extensions.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {
@@ -138,6 +139,19 @@ Result<int> MaterialReader::decoded_image(int index) {
   return add_texture(model_, *coded, json_path, limits_);
 }
 
+float MaterialReader::emissive_strength(const tinygltf::Material& from,
+                                        const std::string& what) const {
+  const auto extension = from.extensions.find(kEmissiveStrength);
+  if (extension == from.extensions.end() || !extension->second.Has("emissiveStrength")) return 1.0F;
+  const double strength = extension->second.Get("emissiveStrength").GetNumberAsDouble();
+  constexpr auto kLargest = static_cast<double>(kMaxEmissive);
+  if (!(strength >= 0.0 && strength <= kLargest)) {
+    notes_.add(fmt::format("its emissiveStrength is outside 0 to {:g} and is clamped", kLargest),
+               what);
+  }
+  return static_cast<float>(strength >= 0.0 ? std::min(strength, kLargest) : 0.0);
+}
+
 Result<Material> MaterialReader::factors(std::size_t index) const {
   const tinygltf::Material& from = gltf_.materials[index];
   const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
@@ -173,6 +187,8 @@ Result<Material> MaterialReader::factors(std::size_t index) const {
   for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
     material.emissive[c] = in_unit(from.emissiveFactor[static_cast<std::size_t>(c)]);
   }
+  material.emissive *= emissive_strength(from, what);
+  material.unlit = from.extensions.contains(kUnlit);
   material.metallic = in_unit(pbr.metallicFactor);
   material.roughness = in_unit(pbr.roughnessFactor);
   material.double_sided = from.doubleSided;

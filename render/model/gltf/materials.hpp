@@ -36,6 +36,9 @@ class MaterialReader {
 
  private:
   [[nodiscard]] Result<Material> factors(std::size_t material) const;
+  // Returns the factor of KHR_materials_emissive_strength.
+  [[nodiscard]] float emissive_strength(const tinygltf::Material& from,
+                                        const std::string& what) const;
   [[nodiscard]] Result<void> read_textures(std::size_t material, Material& to);
   // `Info`: one of tinygltf's types of texture reference.
   template <class Info>

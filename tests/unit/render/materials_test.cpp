@@ -491,6 +491,93 @@ TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   EXPECT_GT(hidden, 5000);
 }
 
+// --- KHR_materials_unlit, KHR_materials_emissive_strength ---
+
+constexpr const char* kUnlit = R"("extensions":{"KHR_materials_unlit":{}})";
+
+// Compares the square's colour with these encoded values.
+void expect_color(const RenderedImage& image, const std::array<int, 3>& color) {
+  int wrong = 0;
+  inside([&](int x, int y, double, double) {
+    for (int c = 0; c < 3; ++c)
+      wrong += std::abs(int{image.at(x, y)[c]} - color[static_cast<std::size_t>(c)]) > 1 ? 1 : 0;
+  });
+  EXPECT_EQ(wrong, 0) << fmt::format("{} instead of {} {} {}", image.red(kSide / 2, kSide / 2),
+                                     color[0], color[1], color[2]);
+}
+
+TEST(Materials, DrawsUnlitMaterialInItsBaseColour) {
+  const std::string factor = fmt::format(
+      R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":0.3}},{})",
+      linear(240), linear(120), linear(30), kUnlit);
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    for (const double ambient : {0.0, 0.9}) {
+      expect_color(drawn(square_of(factor), {ambient, Translucency::blend, api}), {240, 120, 30});
+    }
+  }
+  const std::string textured =
+      std::string(R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}},)") + kUnlit;
+  expect_color(drawn(square_of(textured, {one_color(255, 200, 9)})), {255, 200, 9});
+  // Other properties are for readers without the extension.
+  expect_color(
+      drawn(square_of(
+          R"("emissiveFactor":[1,1,1],"emissiveTexture":{"index":0},"normalTexture":{"index":0},"occlusionTexture":{"index":0},)" +
+              textured,
+          {one_color(90, 60, 30)})),
+      {90, 60, 30});
+  // As a phantom, it shows the video.
+  Drawing phantom;
+  phantom.phantom = true;
+  expect_color(drawn(square_of(factor), phantom), {120, 120, 120});
+}
+
+TEST(Materials, CutsOutAndBlendsUnlitMaterial) {
+  const auto square = [](const std::string& alpha) {
+    return square_of(
+        R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}},)" + alpha + "," + kUnlit,
+        {one_color(200, 100, 50, 127)});
+  };
+  expect_color(drawn(square(R"("alphaMode":"MASK","alphaCutoff":0.4)")), {200, 100, 50});
+  expect_color(drawn(square(R"("alphaMode":"MASK","alphaCutoff":0.6)")), {120, 120, 120});
+  expect_color(drawn(square(R"("alphaMode":"BLEND")")), {160, 110, 85});
+}
+
+// One lit square above an unlit one, and the other way round: each keeps its own program.
+TEST(Materials, DrawsLitAndUnlitMaterialsTogether) {
+  const auto lit = model_of(square_of(kPlain));
+  const auto unlit = model_of(
+      square_of(std::string(R"("pbrMetallicRoughness":{"baseColorFactor":[1,1,1,1]},)") + kUnlit));
+  EXPECT_EQ(largest_difference(drawn({{lit, kHeight}, {unlit, 0.01}}), drawn({{lit, kHeight}})), 0);
+  expect_color(drawn({{lit, 0.01}, {unlit, kHeight}}), {255, 255, 255});
+}
+
+TEST(Materials, MultipliesEmissionByStrength) {
+  const auto square = [](double factor, const std::string& strength) {
+    return square_of(fmt::format(
+        R"("pbrMetallicRoughness":{{"baseColorFactor":[0,0,0,1]}},"emissiveFactor":[{0},{0},{1}]{2})",
+        factor, 0.5 * factor,
+        strength.empty()
+            ? ""
+            : fmt::format(
+                  R"(,"extensions":{{"KHR_materials_emissive_strength":{{"emissiveStrength":{}}}}})",
+                  strength)));
+  };
+  EXPECT_EQ(largest_difference(drawn(square(0.2, "3")), drawn(square(0.6, ""))), 0);
+  const auto strong = model_of(square(1.0, "250.5"));
+  EXPECT_EQ(strong->materials[0].emissive, glm::vec3(250.5F, 250.5F, 125.25F));
+  EXPECT_TRUE(strong->warnings.empty());
+  EXPECT_GE(drawn({{strong, kHeight}}).red(kSide / 2, kSide / 2), 254);
+  for (const auto& [strength, emissive] :
+       std::map<std::string, float>{{"1e30", kMaxEmissive}, {"-2", 0.0F}}) {
+    const auto model = model_of(square(1.0, strength));
+    EXPECT_EQ(model->materials[0].emissive.r, emissive);
+    EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("materials/0: its emissiveStrength is "
+                                                       "outside 0 to 10000 and is clamped")));
+  }
+  const auto malformed = model_of(square(1.0, "\"4\""));
+  EXPECT_THAT(malformed->warnings, ElementsAre(HasSubstr("emissiveStrength: is \"4\"")));
+}
+
 // --- KHR_texture_transform ---
 
 // Four colours that differ in every channel.
