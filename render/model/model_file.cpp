@@ -212,9 +212,8 @@ float linear_from_srgb(float encoded) {
   return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
 }
 
-Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
+Result<int> add_texture(Model& model, RgbaImage image, const std::string& name,
                         const ModelLimits& limits) {
-  PENUMBRA_TRY(RgbaImage image, decode_rgba(bytes, name));
   std::size_t pixels =
       static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
   for (const Texture& texture : model.textures) pixels += texture.rgba.size() / 4;
@@ -222,9 +221,16 @@ Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const
     return fail("{}: the model's textures have more than the {} pixels allowed", name,
                 limits.max_texture_pixels);
   }
-  model.textures.push_back({image.width, image.height, std::move(image.pixels),
-                            std::vector<std::uint8_t>(bytes.begin(), bytes.end())});
+  model.textures.push_back({image.width, image.height, std::move(image.pixels)});
   return static_cast<int>(model.textures.size()) - 1;
+}
+
+Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
+                        const ModelLimits& limits) {
+  PENUMBRA_TRY(RgbaImage image, decode_rgba(bytes, name));
+  PENUMBRA_TRY(const int index, add_texture(model, std::move(image), name, limits));
+  model.textures.back().encoded.assign(bytes.begin(), bytes.end());
+  return index;
 }
 
 namespace {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "core/image/image_file.hpp"
 #include "render/model/model.hpp"
 
 namespace penumbra {
@@ -61,7 +62,10 @@ void generate_tangents(Mesh& mesh, bool second);
 // that one mesh lacks get default values; stored kernels are kept only if both meshes have them.
 void append_mesh(Mesh& mesh, const Mesh& more);
 
-// Decodes a PNG or JPEG into the model, within the limit for all textures. Returns its index.
+// Adds an image to the model, within the limit for all textures. Returns its index.
+[[nodiscard]] Result<int> add_texture(Model& model, RgbaImage image, const std::string& name,
+                                      const ModelLimits& limits);
+// Decodes a PNG or JPEG and adds it.
 [[nodiscard]] Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes,
                                       const std::string& name, const ModelLimits& limits);
 

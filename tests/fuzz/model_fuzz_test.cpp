@@ -1,5 +1,6 @@
 // Damaged models are rejected with an error of one line, or load as valid models. Deterministic.
 #include <gtest/gtest.h>
+#include <webp/encode.h>
 
 #include <algorithm>
 #include <cmath>
@@ -130,7 +131,9 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGlb) {
 TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
   test::TexturedSquare square;
   square.material =
-      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":1,)"
+      R"("extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":2.5},"KHR_materials_unlit":{}},)"
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{)"
+      R"("offset":[0.1,-0.2],"rotation":0.5,"scale":[2,3],"texCoord":0}}},"metallicRoughnessTexture":{"index":1,)"
       R"("texCoord":1}},"normalTexture":{"index":2,"scale":0.7},"occlusionTexture":{"index":1,)"
       R"("strength":0.5},"emissiveTexture":{"index":0,"texCoord":1},"emissiveFactor":[1,1,1],)"
       R"("alphaMode":"MASK","alphaCutoff":0.3,"doubleSided":true)";
@@ -146,6 +149,28 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
   const int with_given = fuzz_model(test::glb_of(square), ".glb", mutations(1000), 6);
   EXPECT_GT(with_given, 0);
   EXPECT_LT(with_given, mutations(1000));
+}
+
+TEST(ModelFuzz, LoadsOrRejectsDamagedWebp) {
+  const RgbaImage image = test::image_of(30, 20, [](int x, int y) {
+    return std::array<int, 4>{8 * x, 12 * y, x * y % 256, 200};
+  });
+  for (const bool lossless : {false, true}) {
+    std::uint8_t* coded = nullptr;
+    const std::size_t size = lossless
+                                 ? WebPEncodeLosslessRGBA(image.pixels.data(), 30, 20, 120, &coded)
+                                 : WebPEncodeRGBA(image.pixels.data(), 30, 20, 120, 70.0F, &coded);
+    test::TexturedSquare square;
+    square.material = R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}})";
+    const std::string good(reinterpret_cast<const char*>(coded), size);
+    WebPFree(coded);
+    // A damaged image causes a warning, not an error.
+    const auto damaged = [&](std::mt19937& random) {
+      square.images = {mutated(good, random)};
+      return test::glb_of(square);
+    };
+    EXPECT_EQ(fuzz_model(damaged, ".glb", mutations(1500), lossless ? 60 : 61), mutations(1500));
+  }
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {

@@ -217,6 +217,7 @@ constexpr std::array kAppearance{
     Field{"textures/*/source", kIndex},
     Field{"textures/*/sampler", kIndex},
     Field{"textures/*/extensions", kObject},
+    Field{"textures/*/extensions/EXT_texture_webp/source", kIndex},
     Field{"samplers/*/magFilter", kIndex},
     Field{"samplers/*/minFilter", kIndex},
     Field{"samplers/*/wrapS", kIndex},

@@ -39,6 +39,7 @@ constexpr std::array kKnown{
     KnownExtension{"MSFT_packing_", Effect::ignored, kBaseMaterials},
     KnownExtension{"KHR_technique", Effect::ignored, kBaseMaterials},  // KHR_technique(s)_webgl
     KnownExtension{kTextureTransform, Effect::read},
+    KnownExtension{kWebp, Effect::read},
     KnownExtension{"KHR_texture_", Effect::texture, kPlainTextures},
     KnownExtension{"EXT_texture_", Effect::texture, kPlainTextures},
     KnownExtension{"MSFT_texture_dds", Effect::texture, kPlainTextures},

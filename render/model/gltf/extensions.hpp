@@ -12,6 +12,7 @@ namespace penumbra::gltf {
 
 inline constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
 inline constexpr const char* kVisibility = "KHR_node_visibility";
+inline constexpr const char* kWebp = "EXT_texture_webp";
 inline constexpr const char* kUnlit = "KHR_materials_unlit";
 inline constexpr const char* kEmissiveStrength = "KHR_materials_emissive_strength";
 inline constexpr const char* kTextureTransform = "KHR_texture_transform";

@@ -5,6 +5,7 @@
 
 #include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
+#include "render/model/gltf/webp.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {
@@ -34,6 +35,13 @@ constexpr std::array kMinFilters{
     MinFilter{TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR, false, TextureMipmaps::linear},
     MinFilter{TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_LINEAR, true, TextureMipmaps::linear},
 };
+
+// Returns the image of EXT_texture_webp, or -1.
+int webp_source(const tinygltf::Texture& texture) {
+  const auto extension = texture.extensions.find(kWebp);
+  if (extension == texture.extensions.end() || !extension->second.Has("source")) return -1;
+  return extension->second.Get("source").GetNumberAsInt();
+}
 
 }  // namespace
 
@@ -100,7 +108,13 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
 int MaterialReader::image_of(int index) {
   const tinygltf::Texture& texture = gltf_.textures[static_cast<std::size_t>(index)];
   const std::string json_path = fmt::format("textures/{}", index);
-  if (texture.source < 0) {
+  const bool has_source = texture.source >= 0;
+  if (const int webp = webp_source(texture); webp >= 0) {
+    // The source is a fallback; it also replaces a WebP image that can't be read.
+    const int image = decode_once(webp, has_source);
+    if (image >= 0 || !has_source) return image;
+  }
+  if (!has_source) {
     if (texture.extensions.empty()) {
       notes_.add("has no source; drawn in plain colour", json_path);
     } else {
@@ -111,15 +125,20 @@ int MaterialReader::image_of(int index) {
     }
     return -1;
   }
-  const auto [known, is_new] = texture_of_image_.try_emplace(texture.source, -1);
+  return decode_once(texture.source, false);
+}
+
+int MaterialReader::decode_once(int image, bool quiet) {
+  const auto [known, is_new] = texture_of_image_.try_emplace(image, -1);
   if (!is_new) return known->second;
-  const Result<int> decoded = decoded_image(texture.source);
-  if (decoded) {
-    known->second = *decoded;
+  const Result<int> decoded = decoded_image(image);
+  if (decoded) return known->second = *decoded;
+  if (quiet) {
+    texture_of_image_.erase(known);  // another use without a fallback must warn
   } else {
     model_.warnings.push_back(decoded.error().message + "; drawn in plain colour");
   }
-  return known->second;
+  return -1;
 }
 
 Result<int> MaterialReader::decoded_image(int index) {
@@ -131,12 +150,19 @@ Result<int> MaterialReader::decoded_image(int index) {
   if (image.buffer_view >= 0) {
     PENUMBRA_TRY(const std::span<const std::uint8_t> coded,
                  accessors_.view_bytes(image.buffer_view, json_path));
-    return add_texture(model_, coded, json_path, limits_);
+    return add_image(coded, json_path);
   }
   if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", json_path);
   const Result<std::vector<std::uint8_t>> coded = buffers_.fetch(image.uri);
   if (!coded) return fail_in(json_path, coded.error());
-  return add_texture(model_, *coded, json_path, limits_);
+  return add_image(*coded, json_path);
+}
+
+Result<int> MaterialReader::add_image(std::span<const std::uint8_t> coded,
+                                      const std::string& name) {
+  if (!is_webp(coded)) return add_texture(model_, coded, name, limits_);
+  PENUMBRA_TRY(RgbaImage image, decode_webp(coded, name));
+  return add_texture(model_, std::move(image), name, limits_);
 }
 
 float MaterialReader::emissive_strength(const tinygltf::Material& from,

@@ -1,6 +1,8 @@
 // Reads materials with their textures and samplers.
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -47,7 +49,10 @@ class MaterialReader {
   [[nodiscard]] Result<TextureSampling> sampling(int sampler) const;
   // Returns an index into the model's textures, or -1 if the image can't be read.
   [[nodiscard]] int image_of(int texture);
+  // Decodes an image on first use. Returns its texture, or -1 with a warning unless `quiet`.
+  [[nodiscard]] int decode_once(int image, bool quiet);
   [[nodiscard]] Result<int> decoded_image(int image);
+  [[nodiscard]] Result<int> add_image(std::span<const std::uint8_t> coded, const std::string& name);
 
   const Document& document_;
   const tinygltf::Model& gltf_;

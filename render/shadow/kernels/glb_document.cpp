@@ -10,6 +10,7 @@
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/gltf/extensions.hpp"
+#include "render/model/gltf/webp.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 
@@ -139,6 +140,7 @@ std::string media_type_of(std::span<const std::uint8_t> image) {
   };
   if (starts_with("\x89PNG\r\n\x1a\n")) return "image/png";
   if (starts_with("\xff\xd8\xff")) return "image/jpeg";
+  if (gltf::is_webp(image)) return "image/webp";
   return "";
 }
 

@@ -441,7 +441,9 @@ TEST_F(GltfModelFile, FallsBackToPlainColourWithoutImage) {
   file.json["materials"][0].erase("emissiveTexture");
   expect_plain("textures/0: has no source; drawn in plain colour");
   file.json["textures"] = {{{"extensions", {{"EXT_texture_webp", {{"source", 0}}}}}}};
-  expect_plain("textures/0: has only an image of the glTF extension EXT_texture_webp");
+  expect_plain("images/0: names buffer view 77");
+  file.json["textures"] = {{{"extensions", {{"KHR_texture_basisu", {{"source", 0}}}}}}};
+  expect_plain("textures/0: has only an image of the glTF extension KHR_texture_basisu");
 }
 
 TEST_F(GltfModelFile, ReadsFallbackImage) {
@@ -478,9 +480,8 @@ TEST_F(GltfModelFile, ReportsAndIgnoresMalformedMaterialFields) {
 TEST_F(GltfModelFile, ReportsRequiredExtensionsThatKeepShape) {
   for (const char* extension :
        {"KHR_materials_clearcoat", "KHR_materials_variants", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "KHR_lights_punctual",
-        "EXT_lights_image_based", "KHR_xmp_json_ld", "KHR_animation_pointer", "MSFT_lod",
-        "AGI_articulations"}) {
+        "KHR_texture_basisu", "EXT_texture_avif", "KHR_lights_punctual", "EXT_lights_image_based",
+        "KHR_xmp_json_ld", "KHR_animation_pointer", "MSFT_lod", "AGI_articulations"}) {
     GltfBuilder file = square();
     file.json["extensionsRequired"] = {extension};
     expect_square_with_warning(
@@ -491,7 +492,8 @@ TEST_F(GltfModelFile, ReportsRequiredExtensionsThatKeepShape) {
 TEST_F(GltfModelFile, ReadsRequiredExtensionsWithoutWarning) {
   for (const char* extension :
        {"KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
-        "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}) {
+        "EXT_texture_webp", "KHR_draco_mesh_compression", "EXT_meshopt_compression",
+        "KHR_meshopt_compression"}) {
     GltfBuilder file = square();
     file.json["extensionsRequired"] = {extension};
     expect_square(file);
@@ -539,21 +541,23 @@ TEST_F(GltfModelFile, ReportsIgnoredContentOncePerKind) {
   file.json["extensions"]["KHR_lights_punctual"]["lights"] = {{{"type", "point"}}};
   file.node({{"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}}});
   file.primitive()["material"] = 0;
-  file.json["materials"] = {{{"extensions", {{"KHR_materials_clearcoat", nlohmann::json::object()}}}},
-                            {{"extensions", {{"KHR_materials_clearcoat", nlohmann::json::object()}}}}};
+  file.json["materials"] = {
+      {{"extensions", {{"KHR_materials_clearcoat", nlohmann::json::object()}}}},
+      {{"extensions", {{"KHR_materials_clearcoat", nlohmann::json::object()}}}}};
   file.json["nodes"][0]["extensions"]["EXT_of_tomorrow"] = {{"a", 1}};
-  file.json["extensionsUsed"] = {"KHR_lights_punctual", "KHR_materials_clearcoat", "EXT_of_tomorrow",
-                                 "KHR_materials_sheen"};
+  file.json["extensionsUsed"] = {"KHR_lights_punctual", "KHR_materials_clearcoat",
+                                 "EXT_of_tomorrow", "KHR_materials_sheen"};
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
   EXPECT_THAT(
       model->warnings,
-      ElementsAre(HasSubstr("its animations (2) are not played: the rest pose is shown"),
-                  HasSubstr("its cameras (1) are not used"),
-                  HasSubstr("its glTF extension EXT_of_tomorrow (nodes/0) is not read"),
-                  HasSubstr("its glTF extension KHR_lights_punctual (the file) is not read: its "
-                            "lights are not used"),
-                  HasSubstr("its glTF extension KHR_materials_clearcoat (materials/0) is not read")));
+      ElementsAre(
+          HasSubstr("its animations (2) are not played: the rest pose is shown"),
+          HasSubstr("its cameras (1) are not used"),
+          HasSubstr("its glTF extension EXT_of_tomorrow (nodes/0) is not read"),
+          HasSubstr("its glTF extension KHR_lights_punctual (the file) is not read: its "
+                    "lights are not used"),
+          HasSubstr("its glTF extension KHR_materials_clearcoat (materials/0) is not read")));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 // geometry. Further tests cover transparency, back-face culling and rejected materials.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <webp/encode.h>
 
 #include <algorithm>
 #include <cmath>
@@ -578,7 +579,7 @@ TEST(Materials, MultipliesEmissionByStrength) {
   EXPECT_THAT(malformed->warnings, ElementsAre(HasSubstr("emissiveStrength: is \"4\"")));
 }
 
-// --- KHR_texture_transform ---
+// --- EXT_texture_webp ---
 
 // Four colours that differ in every channel.
 RgbaImage quarters() {
@@ -586,6 +587,48 @@ RgbaImage quarters() {
     return std::array<int, 4>{x == 0 ? 40 : 220, y == 0 ? 60 : 230, x == y ? 90 : 200, 255};
   });
 }
+
+std::string webp_bytes(const RgbaImage& image) {
+  std::uint8_t* coded = nullptr;
+  const std::size_t size = WebPEncodeLosslessRGBA(image.pixels.data(), image.width, image.height,
+                                                  4 * image.width, &coded);
+  const std::string bytes(reinterpret_cast<const char*>(coded), size);
+  WebPFree(coded);
+  return bytes;
+}
+
+TEST(Materials, DecodesWebpTextures) {
+  RgbaImage image = quarters();
+  image.pixels[3] = 128;
+  TexturedSquare png = square_of(
+      R"("alphaMode":"BLEND","pbrMetallicRoughness":{"baseColorTexture":{"index":0}})", {image});
+  TexturedSquare webp = png;
+  webp.images = {webp_bytes(image)};
+  const auto model = model_of(webp);
+  EXPECT_TRUE(model->warnings.empty());
+  ASSERT_EQ(model->textures.size(), 1U);
+  EXPECT_EQ(model->textures[0].rgba, model_of(png)->textures[0].rgba);
+}
+
+TEST(Materials, ReportsDamagedWebp) {
+  TexturedSquare square =
+      square_of(R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}})", {quarters()});
+  const auto expect_plain = [&](const std::string& bytes, const std::string& cause) {
+    square.images = {bytes};
+    const auto model = model_of(square);
+    EXPECT_EQ(model->materials[0].base_color_texture.image, -1);
+    EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("images/0: " + cause)));
+  };
+  const std::string good = webp_bytes(test::image_of(40, 40, [](int x, int y) {
+    return std::array<int, 4>{x * y % 256, 7 * x, 3 * y, 255};
+  }));
+  expect_plain(good.substr(0, good.size() - 40), "is a damaged or incomplete WebP image");
+  expect_plain(good.substr(0, 14), "is a damaged WebP image");
+  std::string animated("RIFF\x16\0\0\0WEBPVP8X\x0a\0\0\0\x02\0\0\0\xff\x3f\0\xff\x3f\0", 30);
+  expect_plain(animated, "is a WebP animation");
+}
+
+// --- KHR_texture_transform ---
 
 struct Transform {
   std::array<double, 2> offset = {0.0, 0.0};
