@@ -1,10 +1,15 @@
-// libav's objects with their deleters.
+// libav (FFmpeg's libraries), loaded when a session first reads or writes a video, and its objects
+// with their deleters. Linked to the program, libav and the 95 libraries behind it would take two
+// thirds of each start.
 #pragma once
 
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
+#include <libavutil/crc.h>
 #include <libavutil/error.h>
+#include <libavutil/pixdesc.h>
+#include <libswscale/swscale.h>
 }
 
 #include <array>
@@ -14,7 +19,76 @@ extern "C" {
 #include <string>
 #include <utility>
 
+#include "core/error.hpp"
+
+// All functions of libav that the program calls, with the library of each.
+#define PENUMBRA_LIBAV_FUNCTIONS(FUNCTION)           \
+  FUNCTION(avutil, av_crc)                           \
+  FUNCTION(avutil, av_crc_get_table)                 \
+  FUNCTION(avutil, av_d2q)                           \
+  FUNCTION(avutil, av_dict_free)                     \
+  FUNCTION(avutil, av_dict_set)                      \
+  FUNCTION(avutil, av_frame_alloc)                   \
+  FUNCTION(avutil, av_frame_free)                    \
+  FUNCTION(avutil, av_frame_get_buffer)              \
+  FUNCTION(avutil, av_frame_make_writable)           \
+  FUNCTION(avutil, av_get_pix_fmt_name)              \
+  FUNCTION(avutil, av_log_format_line2)              \
+  FUNCTION(avutil, av_log_set_callback)              \
+  FUNCTION(avutil, av_pix_fmt_count_planes)          \
+  FUNCTION(avutil, av_pix_fmt_desc_get)              \
+  FUNCTION(avutil, av_rescale_rnd)                   \
+  FUNCTION(avutil, av_strerror)                      \
+  FUNCTION(avcodec, av_packet_alloc)                 \
+  FUNCTION(avcodec, av_packet_clone)                 \
+  FUNCTION(avcodec, av_packet_free)                  \
+  FUNCTION(avcodec, av_packet_rescale_ts)            \
+  FUNCTION(avcodec, av_packet_unref)                 \
+  FUNCTION(avcodec, avcodec_alloc_context3)          \
+  FUNCTION(avcodec, avcodec_find_decoder)            \
+  FUNCTION(avcodec, avcodec_find_encoder)            \
+  FUNCTION(avcodec, avcodec_find_encoder_by_name)    \
+  FUNCTION(avcodec, avcodec_free_context)            \
+  FUNCTION(avcodec, avcodec_get_name)                \
+  FUNCTION(avcodec, avcodec_open2)                   \
+  FUNCTION(avcodec, avcodec_parameters_from_context) \
+  FUNCTION(avcodec, avcodec_parameters_to_context)   \
+  FUNCTION(avcodec, avcodec_receive_frame)           \
+  FUNCTION(avcodec, avcodec_receive_packet)          \
+  FUNCTION(avcodec, avcodec_send_frame)              \
+  FUNCTION(avcodec, avcodec_send_packet)             \
+  FUNCTION(avformat, av_find_input_format)           \
+  FUNCTION(avformat, av_interleaved_write_frame)     \
+  FUNCTION(avformat, av_read_frame)                  \
+  FUNCTION(avformat, av_write_frame)                 \
+  FUNCTION(avformat, av_write_trailer)               \
+  FUNCTION(avformat, avformat_alloc_output_context2) \
+  FUNCTION(avformat, avformat_close_input)           \
+  FUNCTION(avformat, avformat_free_context)          \
+  FUNCTION(avformat, avformat_new_stream)            \
+  FUNCTION(avformat, avformat_open_input)            \
+  FUNCTION(avformat, avformat_write_header)          \
+  FUNCTION(avformat, avio_closep)                    \
+  FUNCTION(avformat, avio_flush)                     \
+  FUNCTION(avformat, avio_open)                      \
+  FUNCTION(avformat, avio_seek)                      \
+  FUNCTION(swscale, sws_freeContext)                 \
+  FUNCTION(swscale, sws_getCoefficients)             \
+  FUNCTION(swscale, sws_getContext)                  \
+  FUNCTION(swscale, sws_scale)                       \
+  FUNCTION(swscale, sws_setColorspaceDetails)
+
 namespace penumbra {
+
+// Pointers with the functions' own names, which hide the declarations of libav in this namespace.
+// nullptr until load_libav() succeeds.
+#define PENUMBRA_DECLARE(library, name) extern decltype(&::name) name;
+PENUMBRA_LIBAV_FUNCTIONS(PENUMBRA_DECLARE)
+#undef PENUMBRA_DECLARE
+
+// Loads the libraries in the first call; their messages go to the log. Call it before any function
+// of libav, in any thread.
+[[nodiscard]] Result<void> load_libav();
 
 struct FreeAv {
   void operator()(AVCodecContext* codec) const { avcodec_free_context(&codec); }

@@ -4,31 +4,14 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
-#include <array>
-#include <cstdarg>
 #include <cstdlib>
 #include <string>
 
 #include "calib/solver/silence.hpp"
 #include "core/text/text.hpp"
 
-extern "C" {
-#include <libavutil/log.h>
-}
-
 namespace penumbra {
 namespace {
-
-void log_libav(void* source, int level, const char* format, va_list arguments) {
-  if (level > AV_LOG_INFO || !spdlog::should_log(spdlog::level::debug)) return;
-  std::array<char, 512> line{};
-  int print_prefix = 1;
-  av_log_format_line2(source, level, format, arguments, line.data(), static_cast<int>(line.size()),
-                      &print_prefix);
-  std::string_view text(line.data());
-  while (!text.empty() && text.back() == '\n') text.remove_suffix(1);
-  log_debug("libav: {}", text);
-}
 
 spdlog::level::level_enum spdlog_level(LogLevel level) {
   return level == LogLevel::debug  ? spdlog::level::debug
@@ -43,7 +26,6 @@ void set_up_logging() {
   logger->set_pattern("penumbra: %l: %v");
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
-  av_log_set_callback(&log_libav);
   silence_solver();
   // Safe here: no other thread or display exists yet. The 0 keeps a level that the user has set.
   setenv("EGL_LOG_LEVEL", "fatal", 0);

@@ -12,11 +12,6 @@
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
 
-extern "C" {
-#include <libavutil/opt.h>
-#include <libswscale/swscale.h>
-}
-
 namespace penumbra {
 namespace {
 
@@ -251,6 +246,7 @@ Result<std::unique_ptr<FrameWriter>> create_video_writer(const std::filesystem::
                                                          OutputKind codec,
                                                          const FrameFormat& format) {
   PENUMBRA_ASSERT(format.width > 0 && format.height > 0 && format.frame_interval_s > 0.0);
+  PENUMBRA_TRY_VOID(load_libav());
   PENUMBRA_TRY(auto output, OutputFile::create(file));
   auto writer = std::make_unique<VideoWriter>(std::move(output), codec, format);
   PENUMBRA_TRY_VOID(writer->open());

@@ -86,6 +86,7 @@ tl::unexpected<Error> LosslessVideo::failed(const char* what, int error) const {
 }
 
 Result<LosslessVideo> LosslessVideo::create(const std::filesystem::path& file, const Frame& first) {
+  PENUMBRA_TRY_VOID(load_libav());
   LosslessVideo video;
   video.name_ = file.string();
   PENUMBRA_TRY_VOID(video.open(first));

@@ -1,10 +1,5 @@
 #include "app/recording/video_reader.hpp"
 
-extern "C" {
-#include <libavutil/crc.h>
-#include <libavutil/pixdesc.h>
-}
-
 #include <array>
 #include <deque>
 #include <span>
@@ -26,8 +21,7 @@ constexpr std::int64_t kMaxPixels = 256'000'000;
 class Demuxer {
  public:
   static Result<Demuxer> open(const std::filesystem::path& file) {
-    // Our errors contain libav's messages, which libav would also print to standard error.
-    av_log_set_level(AV_LOG_QUIET);
+    PENUMBRA_TRY_VOID(load_libav());
     Demuxer demuxer;
     demuxer.name_ = file.string();
     std::error_code error;
@@ -61,7 +55,7 @@ class Demuxer {
     }
     demuxer.packet_.reset(av_packet_alloc());
     if (!demuxer.packet_) return fail("{}: no memory for the reader", demuxer.name_);
-    demuxer.end_of_last_ = avio_tell(format->pb);
+    demuxer.end_of_last_ = avio_seek(format->pb, 0, SEEK_CUR);
     return demuxer;
   }
 

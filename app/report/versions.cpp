@@ -5,18 +5,11 @@
 #include <Eigen/Core>
 
 extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
+#include <libavcodec/version.h>
+#include <libavformat/version.h>
 }
 
 namespace penumbra {
-namespace {
-
-std::string libav_version(unsigned packed) {
-  return fmt::format("{}.{}.{}", packed >> 16U, (packed >> 8U) & 0xFFU, packed & 0xFFU);
-}
-
-}  // namespace
 
 std::string program_version() {
   return PENUMBRA_VERSION;
@@ -31,8 +24,8 @@ std::vector<std::pair<std::string, std::string>> component_versions() {
       {"ceres", PENUMBRA_CERES_VERSION},
       {"eigen",
        fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},
-      {"libavcodec", libav_version(avcodec_version())},
-      {"libavformat", libav_version(avformat_version())},
+      {"libavcodec", AV_STRINGIFY(LIBAVCODEC_VERSION)},
+      {"libavformat", AV_STRINGIFY(LIBAVFORMAT_VERSION)},
   };
 }
 

@@ -4,6 +4,11 @@
 #include <gmock/gmock.h>
 #include <unistd.h>
 
+extern "C" {
+#include <libavformat/version.h>
+#include <libavutil/macros.h>
+}
+
 #include <functional>
 #include <random>
 
@@ -216,6 +221,19 @@ TEST_F(ReplayInput, RejectsInvalidPoseFiles) {
 
 TEST_F(ReplayInput, RejectsMissingRecording) {
   expect_failure(penumbra({"replay", file("nowhere")}), {"nowhere"});
+}
+
+TEST_F(ReplayInput, NamesVideoLibraryThatCannotBeLoaded) {
+  constexpr const char* kLibrary = "libavformat.so." AV_STRINGIFY(LIBAVFORMAT_VERSION_MAJOR);
+  write(file(kLibrary), "no library");
+  const std::vector<std::string> environment = {"LD_LIBRARY_PATH=" + folder_.path().string()};
+  const fs::path video = file("out.mkv");
+  expect_failure(penumbra({"replay", recording(), "--output", video}, environment),
+                 {kLibrary, "FFmpeg"});
+  EXPECT_FALSE(fs::exists(video));
+  const ProgramResult images =
+      penumbra({"replay", recording(), "--output", file("images")}, environment);
+  EXPECT_EQ(images.exit_code, 0) << images.err;
 }
 
 TEST_F(ReplayInput, RejectsUnwritableOutputs) {

@@ -1,19 +1,13 @@
 // Lossless video files for tests, written through libav: FFV1 or raw planes in Matroska.
 #pragma once
 
-extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
-#include <libavutil/imgutils.h>
-#include <libavutil/opt.h>
-}
-
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <memory>
 #include <stdexcept>
 #include <string>
+
+#include "app/libav.hpp"
 
 namespace penumbra::test {
 
@@ -35,18 +29,10 @@ inline void write_video(const std::filesystem::path& file, const VideoSpec& spec
   const auto check = [](int status, const char* what) {
     if (status < 0) throw std::runtime_error(std::string("test video: ") + what);
   };
-  const AVCodec* codec = avcodec_find_encoder(spec.codec);
-  if (codec == nullptr) throw std::runtime_error("test video: no encoder");
-  struct FreeContext {
-    void operator()(AVCodecContext* context) const { avcodec_free_context(&context); }
-    void operator()(AVFormatContext* format) const {
-      if (format->pb != nullptr) avio_closep(&format->pb);
-      avformat_free_context(format);
-    }
-    void operator()(AVFrame* frame) const { av_frame_free(&frame); }
-    void operator()(AVPacket* packet) const { av_packet_free(&packet); }
-  };
-  const std::unique_ptr<AVCodecContext, FreeContext> encoder(avcodec_alloc_context3(codec));
+  if (!load_libav()) throw std::runtime_error("test video: no libav");
+  AvEncoding av;
+  check(av.allocate(avcodec_find_encoder(spec.codec), "matroska", file), "encoder");
+  AVCodecContext* const encoder = av.encoder.get();
   encoder->width = spec.width;
   encoder->height = spec.height;
   encoder->pix_fmt = spec.format;
@@ -59,32 +45,25 @@ inline void write_video(const std::filesystem::path& file, const VideoSpec& spec
   if (spec.codec == AV_CODEC_ID_FFV1) {
     encoder->level = 3;
     encoder->slices = 4;
-    check(av_opt_set_int(encoder->priv_data, "slicecrc", 1, 0), "slicecrc");
+    check(av.open_encoder({{"slicecrc", "1"}}), "encoder");
+  } else {
+    check(av.open_encoder({}), "encoder");
   }
-  check(avcodec_open2(encoder.get(), codec, nullptr), "encoder");
-
-  AVFormatContext* opened = nullptr;
-  check(avformat_alloc_output_context2(&opened, nullptr, "matroska", file.c_str()), "muxer");
-  const std::unique_ptr<AVFormatContext, FreeContext> muxer(opened);
-  AVStream* stream = avformat_new_stream(muxer.get(), nullptr);
-  check(avcodec_parameters_from_context(stream->codecpar, encoder.get()), "parameters");
-  stream->time_base = encoder->time_base;
-  check(avio_open(&muxer->pb, file.c_str(), AVIO_FLAG_WRITE), "file");
-  check(avformat_write_header(muxer.get(), nullptr), "header");
-
-  const std::unique_ptr<AVPacket, FreeContext> packet(av_packet_alloc());
+  check(av.add_stream(), "stream");
+  check(av.write_header(file), "header");
+  AVFormatContext* const muxer = av.muxer.get();
   const auto drain = [&] {
     while (true) {
-      const int status = avcodec_receive_packet(encoder.get(), packet.get());
+      const int status = avcodec_receive_packet(encoder, av.packet.get());
       if (status == AVERROR(EAGAIN) || status == AVERROR_EOF) return;
       check(status, "encode");
-      av_packet_rescale_ts(packet.get(), encoder->time_base, stream->time_base);
-      packet->stream_index = 0;
-      check(av_interleaved_write_frame(muxer.get(), packet.get()), "write");
+      av_packet_rescale_ts(av.packet.get(), encoder->time_base, muxer->streams[0]->time_base);
+      av.packet->stream_index = 0;
+      check(av_interleaved_write_frame(muxer, av.packet.get()), "write");
     }
   };
   for (int i = 0; i < spec.frames; ++i) {
-    const std::unique_ptr<AVFrame, FreeContext> frame(av_frame_alloc());
+    const Av<AVFrame> frame(av_frame_alloc());
     frame->width = spec.width;
     frame->height = spec.height;
     frame->format = spec.format;
@@ -93,12 +72,12 @@ inline void write_video(const std::filesystem::path& file, const VideoSpec& spec
     frame->colorspace = spec.matrix;
     check(av_frame_get_buffer(frame.get(), 0), "buffer");
     fill(*frame, i);
-    check(avcodec_send_frame(encoder.get(), frame.get()), "send");
+    check(avcodec_send_frame(encoder, frame.get()), "send");
     drain();
   }
-  check(avcodec_send_frame(encoder.get(), nullptr), "flush");
+  check(avcodec_send_frame(encoder, nullptr), "flush");
   drain();
-  check(av_write_trailer(muxer.get()), "trailer");
+  check(av_write_trailer(muxer), "trailer");
 }
 
 }  // namespace penumbra::test

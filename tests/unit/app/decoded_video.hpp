@@ -7,10 +7,7 @@
 #include <string>
 #include <vector>
 
-extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
-}
+#include "app/libav.hpp"
 
 namespace penumbra::test {
 
@@ -33,9 +30,9 @@ struct DecodedVideo {
 
 inline DecodedVideo decode_video(const std::filesystem::path& file) {
   DecodedVideo video;
+  if (!load_libav()) return video;
   AVFormatContext* container = nullptr;
   if (avformat_open_input(&container, file.c_str(), nullptr, nullptr) != 0) return video;
-  avformat_find_stream_info(container, nullptr);
   const AVStream* stream = container->streams[0];
   const AVCodec* codec = avcodec_find_decoder(stream->codecpar->codec_id);
   AVCodecContext* decoder = avcodec_alloc_context3(codec);
@@ -71,7 +68,6 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
         video.color_space = frame->colorspace;
         video.color_range = frame->color_range;
         video.images.push_back(std::move(image));
-        av_frame_unref(frame);
       }
     }
     video.codec = decoder->codec_id;

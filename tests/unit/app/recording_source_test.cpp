@@ -477,13 +477,12 @@ int value_at(int plane, int x, int y, int index) {
 void fill_planes(AVFrame& frame, int index) {
   const auto format = static_cast<AVPixelFormat>(frame.format);
   for (int plane = 0; plane < av_pix_fmt_count_planes(format); ++plane) {
-    const int bytes = av_image_get_linesize(format, frame.width, plane);
     const AVPixFmtDescriptor* description = av_pix_fmt_desc_get(format);
     const bool chroma = plane > 0 && (description->flags & AV_PIX_FMT_FLAG_RGB) == 0;
     const int rows =
         chroma ? AV_CEIL_RSHIFT(frame.height, description->log2_chroma_h) : frame.height;
     for (int y = 0; y < rows; ++y) {
-      for (int x = 0; x < bytes; ++x) {
+      for (int x = 0; x < frame.linesize[plane]; ++x) {
         frame.data[plane][y * frame.linesize[plane] + x] =
             static_cast<std::uint8_t>(value_at(plane, x, y, index));
       }
@@ -493,7 +492,10 @@ void fill_planes(AVFrame& frame, int index) {
 
 class VideoRecording : public testing::Test {
  protected:
-  VideoRecording() { test::write_recording(folder(), kFrames, ""); }
+  VideoRecording() {
+    EXPECT_TRUE(load_libav());
+    test::write_recording(folder(), kFrames, "");
+  }
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "filmed"; }
   [[nodiscard]] std::filesystem::path video() const { return folder() / "video.mkv"; }
 

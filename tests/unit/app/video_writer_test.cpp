@@ -31,7 +31,6 @@ std::vector<std::vector<std::uint8_t>> noise(int width, int height, int count) {
 void write_all(const fs::path& file, OutputKind codec, const FrameFormat& format,
                const std::vector<std::vector<std::uint8_t>>& images,
                const std::vector<std::int64_t>& times_ns) {
-  av_log_set_level(AV_LOG_ERROR);
   auto writer = create_video_writer(file, codec, format);
   ASSERT_TRUE(writer) << writer.error().message;
   for (std::size_t i = 0; i < images.size(); ++i) {
