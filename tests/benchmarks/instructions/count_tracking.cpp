@@ -1,7 +1,8 @@
 // Tracks a recording for callgrind to count: count_tracking RECORDING WARM FRAMES METHOD...
 // METHOD: a tracking mode; or libapriltag-1 or -2, which is full-frame detection at that decimation
 // plus the pose from its corners. Counts FRAMES frames of each method from frame WARM on, and dumps
-// the count under the method's name. Prints each method's RMS overlay error [px] over the counted
+// the count under the method's name. Only trackers process the frames before, because libapriltag
+// remembers nothing. Prints each method's RMS overlay error [px] over the counted
 // frames, which must all have a pose. scripts/count-instructions runs this program.
 #include <valgrind/callgrind.h>
 
@@ -27,7 +28,11 @@
 namespace penumbra {
 namespace {
 
-using Method = std::function<std::optional<CameraPose>(const Frame&)>;
+using FindPose = std::function<std::optional<CameraPose>(const Frame&)>;
+struct Method {
+  FindPose pose_of;
+  bool needs_earlier_frames = false;
+};
 
 std::optional<Method> tracker_of(const test::RecordedSession& session, const std::string& name) {
   TrackerOptions options;
@@ -36,19 +41,20 @@ std::optional<Method> tracker_of(const test::RecordedSession& session, const std
   options.mode = *mode;
   auto tracker = std::make_shared<GroupTracker>(
       GroupTracker::create(session.camera, session.tags, options).value());
-  return [tracker](const Frame& frame) -> std::optional<CameraPose> {
+  const FindPose pose_of = [tracker](const Frame& frame) -> std::optional<CameraPose> {
     const PoseEstimate pose = tracker->track(frame).pose;
     if (pose.status != TrackStatus::tracked) return std::nullopt;
     return pose.T_table_camera;
   };
+  return Method{pose_of, true};
 }
 
 Method libapriltag_of(const test::RecordedSession& session, float quad_decimate) {
   auto detector =
       std::make_shared<TagDetector>(TagDetector::create(session.tags.families()).value());
   auto scratch = std::make_shared<std::vector<std::uint8_t>>();
-  return [detector, scratch, quad_decimate,
-          &session](const Frame& frame) -> std::optional<CameraPose> {
+  const FindPose pose_of = [detector, scratch, quad_decimate,
+                            &session](const Frame& frame) -> std::optional<CameraPose> {
     std::vector<TagObservation> observations;
     for (const TagDetection& seen : detector->detect(luma(frame, *scratch), quad_decimate)) {
       const MappedTag* tag = session.tags.find(seen.family, seen.id);
@@ -59,6 +65,7 @@ Method libapriltag_of(const test::RecordedSession& session, float quad_decimate)
     if (!board) return std::nullopt;
     return as_table_pose(board->best.T_map_camera);
   };
+  return {pose_of, false};
 }
 
 std::optional<Method> method_of(const test::RecordedSession& session, const std::string& name) {
@@ -75,11 +82,11 @@ bool count(const test::RecordedSession& session, const std::vector<Frame>& frame
     return false;
   }
   double squares = 0.0;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
+  for (std::size_t i = method->needs_earlier_frames ? 0 : warm; i < frames.size(); ++i) {
     if (i >= warm) {
       CALLGRIND_START_INSTRUMENTATION;
     }
-    const std::optional<CameraPose> pose = (*method)(frames[i]);
+    const std::optional<CameraPose> pose = method->pose_of(frames[i]);
     CALLGRIND_STOP_INSTRUMENTATION;
     if (i < warm) continue;
     const StampedPose* truth = session.truth.at(frames[i].timestamp_ns);
