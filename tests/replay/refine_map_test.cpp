@@ -133,7 +133,7 @@ TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {
   const std::string recording = (shared_dir() / "recordings" / "bent").string();
   const ProgramResult result =
       penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
-                empty_scene_in(folder_.path()), "--duration", "8", "--record", file("session"),
+                empty_scene_in(folder_.path()), "--duration", "4", "--record", file("session"),
                 "--refine-map", file("map.yaml"), "--report", file("live.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const nlohmann::json report = read_json(file("live.json"));
@@ -150,7 +150,7 @@ TEST_F(RefineMap, WritesCameraAtTheEndOfLive) {
   const std::string recording = (shared_dir() / "recordings" / "rolling").string();
   const ProgramResult result =
       penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
-                empty_scene_in(folder_.path()), "--duration", "8", "--refine-map", file("map.yaml"),
+                empty_scene_in(folder_.path()), "--duration", "4", "--refine-map", file("map.yaml"),
                 "--refine-camera", file("camera.yaml"), "--report", file("live.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const nlohmann::json report = read_json(file("live.json"));
