@@ -178,8 +178,13 @@ Result<Elements> DracoMeshes::attribute(const tinygltf::Primitive& primitive,
                                         const std::string& key, const Shape& shape,
                                         const std::string& what) {
   const std::string json_path = fmt::format("{}/attributes/{}", extension_path(what), key);
-  const tinygltf::Accessor* accessor = accessor_of(accessors_, primitive, key);
-  if (accessor == nullptr) return Elements{};  // as if the primitive did not have it
+  const auto entry = primitive.attributes.find(key);
+  if (entry == primitive.attributes.end()) return Elements{};  // only the compressed data has it
+  const tinygltf::Accessor* accessor = accessors_.find(entry->second);
+  if (accessor == nullptr) {
+    return fail("{}/attributes/{}: names accessor {}, which does not exist; export the model again",
+                what, key, entry->second);
+  }
   PENUMBRA_TRY(const draco::Mesh* mesh, decoded(primitive, what));
   const int identifier = identifier_of(primitive, key);
   const draco::PointAttribute* from =

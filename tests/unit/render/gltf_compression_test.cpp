@@ -255,6 +255,11 @@ TEST_F(GltfCompression, RejectsDracoThatDiffersFromItsAccessors) {
   expect_error(changed(6, "count", 291), at + ": has 96 triangles, its accessor 291 indices");
   expect_error(changed(1, "count", 60), at + "/attributes/NORMAL: differs from its accessor");
   expect_error(changed(1, "type", "VEC4"), at + "/attributes/NORMAL: differs from its accessor");
+  for (const auto& attribute : test::draco_gltf(sheet_).primitive()["attributes"].items()) {
+    GltfBuilder other = test::draco_gltf(sheet_);
+    other.primitive()["attributes"][attribute.key()] = 255;
+    expect_error(other, "accessor");
+  }
   GltfBuilder file = test::draco_gltf(sheet_);
   file.primitive()["extensions"][kDracoName]["attributes"]["NORMAL"] = 77;
   expect_error(file, at + "/attributes/NORMAL: is 77, which its data does not have");
