@@ -430,21 +430,25 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_TRUE(truth && camera);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
 
-  // Two screenshots: one during the views, with bars, corners and cells; one with the verdict.
+  // The first screenshot is from the views, with bars, corners and cells; the last one shows the
+  // verdict. There are more if the program was so slow that the key was pressed again.
   std::vector<std::filesystem::path> shots;
   for (const auto& entry : std::filesystem::directory_iterator(folder())) {
     if (entry.path().extension() == ".png") shots.push_back(entry.path());
   }
   std::sort(shots.begin(), shots.end());
-  ASSERT_EQ(shots.size(), 2U);
+  ASSERT_GE(shots.size(), 2U);
+  if (!test::kSanitized) {
+    EXPECT_EQ(shots.size(), 2U);
+  }
   if (const char* image_folder = std::getenv("PENUMBRA_HUD_IMAGES")) {
-    std::filesystem::copy_file(shots[0], std::filesystem::path(image_folder) / "guide.png",
+    std::filesystem::copy_file(shots.front(), std::filesystem::path(image_folder) / "guide.png",
                                std::filesystem::copy_options::overwrite_existing);
-    std::filesystem::copy_file(shots[1], std::filesystem::path(image_folder) / "verdict.png",
+    std::filesystem::copy_file(shots.back(), std::filesystem::path(image_folder) / "verdict.png",
                                std::filesystem::copy_options::overwrite_existing);
   }
-  const auto during = load_rgba(shots[0]);
-  const auto at_end = load_rgba(shots[1]);
+  const auto during = load_rgba(shots.front());
+  const auto at_end = load_rgba(shots.back());
   ASSERT_TRUE(during && at_end);
   EXPECT_GE(during->width, 640);
   const int bars =
@@ -491,15 +495,16 @@ TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
 
 TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   write_listing(1, 2000);
-  const auto result =
-      test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
-        // Sends SIGINT after the first view.
-        std::thread([this, process] {
-          for (int i = 0; i < 600 && !std::filesystem::exists(views_folder() / "000000.png"); ++i)
-            std::this_thread::sleep_for(std::chrono::milliseconds(50));
-          kill(process, SIGINT);
-        }).detach();
-      });
+  std::jthread interrupt;
+  const auto result = test::run_program(test::program(), arguments({}), {}, {}, [&](pid_t process) {
+    // Sends SIGINT after the first view.
+    interrupt = std::jthread([this, process] {
+      for (int i = 0; i < 600 && !std::filesystem::exists(views_folder() / "000000.png"); ++i)
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      kill(process, SIGINT);
+    });
+  });
+  interrupt = {};  // joins the thread
   expect_refused(result, "at least 3 views");
   EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
   EXPECT_TRUE(std::filesystem::exists(views_folder() / "000000.png"))
