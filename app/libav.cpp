@@ -35,7 +35,8 @@ void log_libav(void* source, int level, const char* format, va_list arguments) {
 // Stays loaded until the program ends.
 Result<void*> load_library(const char* file) {
   void* const library = dlopen(file, RTLD_LAZY | RTLD_LOCAL);
-  if (library == nullptr) return fail("video: {}; install this library of FFmpeg", dlerror());
+  if (library == nullptr)
+    return fail("video: {}; install this library of libav (FFmpeg)", dlerror());
   return library;
 }
 
@@ -43,8 +44,8 @@ template <class F>
 Result<void> find_function(void* library, const char* name, F& function) {
   void* const found = dlsym(library, name);
   if (found == nullptr) {
-    return fail("video: {}; install the version of libav that the program was built for",
-                dlerror());
+    return fail("video: {}; install version {} of libavcodec, with its libraries", dlerror(),
+                AV_STRINGIFY(LIBAVCODEC_VERSION_MAJOR));
   }
   function = reinterpret_cast<F>(found);
   return {};

@@ -1,6 +1,6 @@
 // libav (FFmpeg's libraries), loaded when a session first reads or writes a video, and its objects
-// with their deleters. Linked to the program, libav and the 95 libraries behind it would take two
-// thirds of each start.
+// with their deleters. Linking libav and the 95 libraries behind it would double the time that the
+// program takes to start.
 #pragma once
 
 extern "C" {
@@ -86,8 +86,8 @@ namespace penumbra {
 PENUMBRA_LIBAV_FUNCTIONS(PENUMBRA_DECLARE)
 #undef PENUMBRA_DECLARE
 
-// Loads the libraries in the first call; their messages go to the log. Call it before any function
-// of libav, in any thread.
+// Loads the libraries in the first call; their messages go to the log. Thread-safe. Call it before
+// any other function of libav.
 [[nodiscard]] Result<void> load_libav();
 
 struct FreeAv {

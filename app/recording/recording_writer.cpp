@@ -1,4 +1,5 @@
 #include "app/recording/recording_writer.hpp"
+#include "app/libav.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -153,6 +154,7 @@ struct RecordingWriter::Impl {
   }
 
   Result<void> open() {
+    if (!is_jpeg()) PENUMBRA_TRY_VOID(load_libav());
     std::error_code error;
     if (fs::exists(folder, error) &&
         (!fs::is_directory(folder, error) ||

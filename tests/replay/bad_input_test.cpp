@@ -229,11 +229,26 @@ TEST_F(ReplayInput, NamesVideoLibraryThatCannotBeLoaded) {
   const std::vector<std::string> environment = {"LD_LIBRARY_PATH=" + folder_.path().string()};
   const fs::path video = file("out.mkv");
   expect_failure(penumbra({"replay", recording(), "--output", video}, environment),
-                 {kLibrary, "FFmpeg"});
+                 {kLibrary, "libav (FFmpeg)"});
   EXPECT_FALSE(fs::exists(video));
+  const fs::path uncompressed = file("uncompressed");
+  fs::create_directory(uncompressed);
   const ProgramResult images =
-      penumbra({"replay", recording(), "--output", file("images")}, environment);
-  EXPECT_EQ(images.exit_code, 0) << images.err;
+      penumbra({"replay", recording(), "--output", uncompressed / "frames"}, environment);
+  ASSERT_EQ(images.exit_code, 0) << images.err;
+  // A camera without compression is recorded as a video.
+  std::string listing = "frame,timestamp_s,file\n";
+  for (int i = 0; i < kFrames; ++i)
+    listing += fmt::format("{},{},frames/{:06}.png\n", i, 0.1 * i, i);
+  write(uncompressed / "timestamps.csv", listing);
+  fs::copy_file(recording() / "tags.yaml", uncompressed / "tags.yaml");
+  const fs::path session = file("session");
+  expect_failure(
+      penumbra({"live", "--camera", "recording:" + uncompressed.string(), "--calibration",
+                recording() / "camera.yaml", "--no-window", "--duration", "5", "--record", session},
+               environment),
+      {kLibrary, "libav (FFmpeg)"});
+  EXPECT_FALSE(fs::exists(session));
 }
 
 TEST_F(ReplayInput, RejectsUnwritableOutputs) {
