@@ -133,8 +133,8 @@ TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {
   const std::string recording = (shared_dir() / "recordings" / "bent").string();
   const ProgramResult result =
       penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
-                empty_scene_in(folder_.path()), "--duration", "4", "--record", file("session"),
-                "--refine-map", file("map.yaml"), "--report", file("live.json")});
+                empty_scene_in(folder_.path()), "--duration", "4", "--fps", "30", "--record",
+                file("session"), "--refine-map", file("map.yaml"), "--report", file("live.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const nlohmann::json report = read_json(file("live.json"));
   EXPECT_GE(report["map_refinement"]["refinements"], 1) << result.out;
@@ -148,10 +148,10 @@ TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {
 TEST_F(RefineMap, WritesCameraAtTheEndOfLive) {
   if (shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const std::string recording = (shared_dir() / "recordings" / "rolling").string();
-  const ProgramResult result =
-      penumbra({"live", "--camera", "recording:" + recording, "--no-window", "--scene",
-                empty_scene_in(folder_.path()), "--duration", "4", "--refine-map", file("map.yaml"),
-                "--refine-camera", file("camera.yaml"), "--report", file("live.json")});
+  const ProgramResult result = penumbra(
+      {"live", "--camera", "recording:" + recording, "--no-window", "--scene",
+       empty_scene_in(folder_.path()), "--duration", "4", "--fps", "30", "--refine-map",
+       file("map.yaml"), "--refine-camera", file("camera.yaml"), "--report", file("live.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const nlohmann::json report = read_json(file("live.json"));
   EXPECT_EQ(report["map_refinement"]["camera_file"], file("camera.yaml"));
