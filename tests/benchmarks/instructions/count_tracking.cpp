@@ -1,11 +1,12 @@
 // Tracks a recording for callgrind to count: count_tracking RECORDING WARM FRAMES METHOD...
 // METHOD: a tracking mode; or libapriltag-1 or -2, which is full-frame detection at that decimation
 // plus the pose from its corners. Counts FRAMES frames of each method from frame WARM on, and dumps
-// the count under the method's name. Only trackers process the frames before, because libapriltag
-// remembers nothing. Prints each method's RMS overlay error [px] over the counted
-// frames, which must all have a pose. scripts/count-instructions runs this program.
+// the count under the method's name. Trackers process all frames before; libapriltag, which keeps
+// no state between frames, only the last of them. Prints each method's RMS overlay error [px] over
+// the counted frames, which must all have a pose. scripts/count-instructions runs this program.
 #include <valgrind/callgrind.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -82,7 +83,8 @@ bool count(const test::RecordedSession& session, const std::vector<Frame>& frame
     return false;
   }
   double squares = 0.0;
-  for (std::size_t i = method->needs_earlier_frames ? 0 : warm; i < frames.size(); ++i) {
+  const std::size_t first = method->needs_earlier_frames ? 0 : std::max<std::size_t>(warm, 1) - 1;
+  for (std::size_t i = first; i < frames.size(); ++i) {
     if (i >= warm) {
       CALLGRIND_START_INSTRUMENTATION;
     }

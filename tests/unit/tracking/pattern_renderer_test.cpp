@@ -27,7 +27,7 @@ CameraModel small_camera() {
   return CameraModel::make(p).value();
 }
 
-class ShortcutsOfPatternRenderer : public testing::Test {
+class PatternRendererTest : public testing::Test {
  protected:
   double uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);
@@ -35,7 +35,7 @@ class ShortcutsOfPatternRenderer : public testing::Test {
   std::mt19937_64 random_{11};
 };
 
-TEST_F(ShortcutsOfPatternRenderer, ChangeNoPixel) {
+TEST_F(PatternRendererTest, ShortcutsDifferByAtMostOneSubSample) {
   const CameraModel camera = small_camera();
   std::size_t seen = 0;  // pixels that show the tag
   std::size_t different = 0;
