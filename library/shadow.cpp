@@ -126,6 +126,9 @@ penumbra::Model model_from(const Mesh& mesh, const std::string& name) {
   }
   model.source_vertex_count = static_cast<std::uint32_t>(made.positions.size());
   generate_normals(made);
+  if (model.triangle_count() == 0) {
+    throw_failure("{}: has no triangles; export the model with its faces", name);
+  }
   throw_if_failed(check_model(model, name, limits));
   return model;
 }

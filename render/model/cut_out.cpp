@@ -134,7 +134,7 @@ FaceOpacity::FaceOpacity(const Model& model, const Mesh& mesh) : mesh_(mesh) {
   const auto& texcoords = texture.texcoords == 1 ? mesh.texcoords_2 : mesh.texcoords;
   if (texture.image >= 0 && texcoords.size() == mesh.positions.size()) {
     texcoords_ = &texcoords;
-    alpha_.emplace(model.textures[static_cast<std::size_t>(texture.image)], texture.sampling);
+    alpha_.emplace(*model.textures[static_cast<std::size_t>(texture.image)], texture.sampling);
     min_alpha *= alpha_->range({0.0, 0.0}, {1.0, 1.0}).min_alpha;
   }
   const bool mask = material_.alpha_mode == AlphaMode::mask;

@@ -8,6 +8,7 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -102,7 +103,7 @@ struct Model {
   std::string name;
   std::vector<Mesh> meshes;
   std::vector<Material> materials;
-  std::vector<Texture> textures;
+  std::vector<std::shared_ptr<const Texture>> textures;  // shared by the shapes of an animation
   std::vector<ModelNode> nodes;  // glTF: visible nodes; OBJ: objects and groups with faces
   // Positions, kernels and bounds are relative to this point of the file [m], object frame. Zero
   // unless the model lies far from its file's origin, where floats would lose its shape.
@@ -137,11 +138,18 @@ struct ModelLimits {
   std::size_t max_meshes = 4096;  // each is one draw call
 };
 
+// A shape of a model with animations.
+struct ModelPose {
+  std::string animation = "0";  // name or index, or "all"; of equal names, the first one
+  double time_s = 0.0;          // limited to the times of the animation's keys
+};
+
 // Options of load_model().
 struct ModelLoadOptions {
   UpAxis up = UpAxis::by_format;
-  double unit_m = 1.0;         // length of the file's unit [m]; glTF's is the metre
-  bool stored_kernels = true;  // reads the shadow kernels of the file
+  double unit_m = 1.0;                 // length of the file's unit [m]; glTF's is the metre
+  bool stored_kernels = true;          // reads the shadow kernels of the file
+  std::optional<ModelPose> pose = {};  // nullopt: the rest pose
   ModelLimits limits = {};
 };
 

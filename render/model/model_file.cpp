@@ -5,12 +5,15 @@
 #include <cmath>
 #include <glm/common.hpp>
 #include <limits>
+#include <map>
+#include <mutex>
 #include <string>
 #include <system_error>
 
 #include "core/image/image_file.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
+#include "render/model/animated_model.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/shadow_mesh.hpp"
@@ -213,24 +216,17 @@ float linear_from_srgb(float encoded) {
 }
 
 Result<int> add_texture(Model& model, RgbaImage image, const std::string& name,
-                        const ModelLimits& limits) {
+                        const ModelLimits& limits, std::vector<std::uint8_t> encoded) {
   std::size_t pixels =
       static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
-  for (const Texture& texture : model.textures) pixels += texture.rgba.size() / 4;
+  for (const auto& texture : model.textures) pixels += texture->rgba.size() / 4;
   if (pixels > limits.max_texture_pixels) {
     return fail("{}: the model's textures have more than the {} pixels allowed", name,
                 limits.max_texture_pixels);
   }
-  model.textures.push_back({image.width, image.height, std::move(image.pixels)});
+  model.textures.push_back(std::make_shared<const Texture>(
+      Texture{image.width, image.height, std::move(image.pixels), std::move(encoded)}));
   return static_cast<int>(model.textures.size()) - 1;
-}
-
-Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
-                        const ModelLimits& limits) {
-  PENUMBRA_TRY(RgbaImage image, decode_rgba(bytes, name));
-  PENUMBRA_TRY(const int index, add_texture(model, std::move(image), name, limits));
-  model.textures.back().encoded.assign(bytes.begin(), bytes.end());
-  return index;
 }
 
 namespace {
@@ -335,9 +331,6 @@ Result<void> check_material(const Material& material, const Model& model) {
 }  // namespace
 
 Result<void> check_model(Model& model, const std::string& name, const ModelLimits& limits) {
-  if (model.triangle_count() == 0) {
-    return fail("{}: has no triangles; export the model with its faces", name);
-  }
   if (model.vertex_count() > limits.max_vertices) {
     return fail("{}: has {} vertices, more than the {} allowed", name, model.vertex_count(),
                 limits.max_vertices);
@@ -368,59 +361,191 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
       return fail("{}: material \"{}\": {}", name, material.name, checked.error().message);
     }
   }
+  if (model.triangle_count() == 0) low = high = glm::vec3(0.0F);
   model.min_corner = low;
   model.max_corner = high;
   return {};
 }
 
-Result<Model> load_model(const std::filesystem::path& file, const ModelLoadOptions& reading) {
-  const std::string name = file.string();
+namespace {
+
+// A model's file and how it is read.
+struct Source {
+  std::filesystem::path file;
+  ModelLoadOptions reading;
+
+  [[nodiscard]] std::string name() const { return file.string(); }
+  [[nodiscard]] bool is_glb() const { return lower_extension(file) == ".glb"; }
+  [[nodiscard]] bool is_gltf() const { return is_glb() || lower_extension(file) == ".gltf"; }
   // The readers check coordinates in the file's unit.
-  ModelLimits limits = reading.limits;
-  limits.max_coordinate_m /= reading.unit_m;
-  const std::string extension = lower_extension(file);
-  const bool gltf = extension == ".glb" || extension == ".gltf";
-  if (!gltf && extension != ".obj") {
-    return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
-                name);
+  [[nodiscard]] ModelLimits file_limits() const {
+    ModelLimits limits = reading.limits;
+    limits.max_coordinate_m /= reading.unit_m;
+    return limits;
   }
-  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
-  if (bytes.empty()) return fail("{}: is empty; export the model again", name);
-  // Catches exceptions of the readers' libraries.
+};
+
+Result<std::vector<std::uint8_t>> bytes_of(const Source& source) {
+  if (!source.is_gltf() && lower_extension(source.file) != ".obj") {
+    return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
+                source.name());
+  }
+  PENUMBRA_TRY(std::vector<std::uint8_t> bytes,
+               read_file(source.file, source.reading.limits.max_file_bytes));
+  if (bytes.empty()) return fail("{}: is empty; export the model again", source.name());
+  return bytes;
+}
+
+// Converts a model from the file's axes and unit.
+Result<void> convert(Model& model, const Source& source) {
+  const ModelLoadOptions& reading = source.reading;
+  const std::string name = source.name();
+  model.name = source.file.stem().string();
+  if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && source.is_gltf()))
+    convert_to_z_up(model);
+  if (!reading.stored_kernels) {
+    drop_kernels(model);
+    model.shadow_kernel_groups.clear();
+  }
+  // Stored kernels refer to the file's unit.
+  std::string geometry;
+  if (model.shadow_kernel_up) geometry = stamped_geometry(model, reading.up);
+  if (reading.unit_m != 1.0) scale_to_metres(model, reading.unit_m);
+  PENUMBRA_TRY_VOID(check_model(model, name, reading.limits));
+  if (model.shadow_kernel_up) check_stored_kernels(model, geometry, name, reading.limits);
+  return {};
+}
+
+// Returns the result of `read`. Catches exceptions of the readers' libraries.
+template <class Read>
+auto guarded(const Source& source, const Read& read) -> decltype(read()) {
   try {
+    return read();
+  } catch (const std::bad_alloc&) {
+    return fail("{}: needs more memory than there is; give a smaller model", source.name());
+  } catch (const std::exception& error) {
+    return fail("{}: can't be read: {}", source.name(), error.what());
+  }
+}
+
+Result<GltfShapes> open_shapes(const Source& source, const std::string& animation) {
+  PENUMBRA_TRY(std::vector<std::uint8_t> bytes, bytes_of(source));
+  if (!source.is_gltf()) {
+    return fail("{}: has no animations, which only glTF files can have", source.name());
+  }
+  return GltfShapes::open(source.file, std::move(bytes), source.is_glb(), source.file_limits(),
+                          animation);
+}
+
+Result<Model> read_model(const Source& source, double& file_step) {
+  if (const std::optional<ModelPose>& pose = source.reading.pose) {
+    PENUMBRA_TRY(GltfShapes shapes, open_shapes(source, pose->animation));
+    return shapes.at(pose->time_s, file_step);
+  }
+  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, bytes_of(source));
+  return source.is_gltf()
+             ? read_gltf(source.file, bytes, source.is_glb(), source.file_limits(), file_step)
+             : read_obj(source.file, bytes, source.file_limits(), file_step);
+}
+
+}  // namespace
+
+Result<Model> load_model(const std::filesystem::path& file, const ModelLoadOptions& reading) {
+  const Source source{file, reading};
+  return guarded(source, [&]() -> Result<Model> {
     double file_step = 0.0;
-    Result<Model> model = gltf ? read_gltf(file, bytes, extension == ".glb", limits, file_step)
-                               : read_obj(file, bytes, limits, file_step);
-    if (!model) return model;
-    model->name = file.stem().string();
-    // The readers return the file's axes.
-    if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && gltf))
-      convert_to_z_up(*model);
-    if (gltf) {
-      for (Texture& texture : model->textures) texture.encoded = {};
+    PENUMBRA_TRY(Model model, read_model(source, file_step));
+    const std::string name = source.name();
+    if (model.triangle_count() == 0) {
+      return fail("{}: has no triangles{}; export the model with its faces", name,
+                  reading.pose ? " at this time of its animation" : "");
     }
-    if (!reading.stored_kernels) {
-      drop_kernels(*model);
-      model->shadow_kernel_groups.clear();
+    PENUMBRA_TRY_VOID(convert(model, source));
+    if (auto coarse = warning_of_distance(bounds_of(model), file_step * reading.unit_m, name)) {
+      model.warnings.push_back(std::move(*coarse));
     }
-    // Stored kernels refer to the file's unit.
-    std::string geometry;
-    if (model->shadow_kernel_up) geometry = stamped_geometry(*model, reading.up);
-    if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
-    PENUMBRA_TRY_VOID(check_model(*model, name, reading.limits));
-    if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);
-    if (auto coarse = warning_of_distance(bounds_of(*model), file_step * reading.unit_m, name)) {
-      model->warnings.push_back(std::move(*coarse));
-    }
-    if (auto lost = warning_of_lost_faces(*model, name)) {
-      model->warnings.push_back(std::move(*lost));
+    if (auto lost = warning_of_lost_faces(model, name)) {
+      model.warnings.push_back(std::move(*lost));
     }
     return model;
-  } catch (const std::bad_alloc&) {
-    return fail("{}: needs more memory than there is; give a smaller model", name);
-  } catch (const std::exception& error) {
-    return fail("{}: can't be read: {}", name, error.what());
+  });
+}
+
+struct AnimatedModel::Impl {
+  Source source;
+  Model box;
+  double end_s = 0.0;
+  std::mutex mutex;  // protects the members below
+  GltfShapes shapes;
+  std::map<double, std::weak_ptr<const Model>> in_use;  // shapes by time
+
+  Impl(Source from, GltfShapes opened)
+      : source(std::move(from)), end_s(opened.end_s()), shapes(std::move(opened)) {}
+  [[nodiscard]] Result<std::shared_ptr<const Model>> at(double time_s);
+  [[nodiscard]] Result<void> measure();
+};
+
+Result<std::shared_ptr<const Model>> AnimatedModel::Impl::at(double time_s) {
+  const std::lock_guard lock(mutex);
+  if (const auto known = in_use.find(time_s); known != in_use.end()) {
+    if (auto shape = known->second.lock()) return shape;
   }
+  std::erase_if(in_use, [](const auto& entry) { return entry.second.expired(); });
+  double file_step = 0.0;
+  PENUMBRA_TRY(Model model, shapes.at(time_s, file_step));
+  PENUMBRA_TRY_VOID(convert(model, source));
+  auto shape = std::make_shared<const Model>(std::move(model));
+  in_use[time_s] = shape;
+  return shape;
+}
+
+// Makes the box. Fails if a sampled shape has a vertex that is too far away.
+Result<void> AnimatedModel::Impl::measure() {
+  constexpr int kSamples = 16;
+  Eigen::AlignedBox3d bounds;
+  for (int i = 0; i <= kSamples; ++i) {
+    PENUMBRA_TRY(const auto shape, at(end_s * i / kSamples));
+    if (shape->triangle_count() > 0) bounds.extend(bounds_of(*shape));
+  }
+  if (bounds.isEmpty()) {
+    return fail("{}: shows no triangles in its animation; play another one", source.name());
+  }
+  Mesh& corners = box.meshes.emplace_back();
+  for (int i = 0; i < 8; ++i) {
+    const auto corner = static_cast<Eigen::AlignedBox3d::CornerType>(i);
+    corners.positions.push_back(to_glm(bounds.corner(corner)));
+  }
+  box.min_corner = to_glm(bounds.min());
+  box.max_corner = to_glm(bounds.max());
+  return {};
+}
+
+AnimatedModel::AnimatedModel(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+AnimatedModel::~AnimatedModel() = default;
+
+Result<std::shared_ptr<const AnimatedModel>> AnimatedModel::load(const std::filesystem::path& file,
+                                                                 const std::string& animation,
+                                                                 const ModelLoadOptions& reading) {
+  Source source{file, reading};
+  source.reading.stored_kernels = false;
+  return guarded(source, [&]() -> Result<std::shared_ptr<const AnimatedModel>> {
+    PENUMBRA_TRY(GltfShapes shapes, open_shapes(source, animation));
+    auto impl = std::make_unique<Impl>(source, std::move(shapes));
+    PENUMBRA_TRY_VOID(impl->measure());
+    return std::shared_ptr<const AnimatedModel>(new AnimatedModel(std::move(impl)));
+  });
+}
+
+Result<std::shared_ptr<const Model>> AnimatedModel::at(double time_s) const {
+  return guarded(impl_->source, [&] { return impl_->at(time_s); });
+}
+
+double AnimatedModel::end_s() const {
+  return impl_->end_s;
+}
+
+const Model& AnimatedModel::box() const {
+  return impl_->box;
 }
 
 }  // namespace penumbra

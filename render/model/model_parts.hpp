@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -62,15 +63,14 @@ void generate_tangents(Mesh& mesh, bool second);
 // that one mesh lacks get default values; stored kernels are kept only if both meshes have them.
 void append_mesh(Mesh& mesh, const Mesh& more);
 
-// Adds an image to the model, within the limit for all textures. Returns its index.
+// Adds an image to the model, within the limit for all textures. Returns its index. `encoded`: see
+// Texture.
 [[nodiscard]] Result<int> add_texture(Model& model, RgbaImage image, const std::string& name,
-                                      const ModelLimits& limits);
-// Decodes a PNG or JPEG and adds it.
-[[nodiscard]] Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes,
-                                      const std::string& name, const ModelLimits& limits);
+                                      const ModelLimits& limits,
+                                      std::vector<std::uint8_t> encoded = {});
 
 // Checks preconditions of drawing and shadows: finite numbers within the limits, consistent sizes,
-// indices in range. Normalises normals and sets the bounds.
+// indices in range. Normalises normals and sets the bounds, which are zero without triangles.
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
@@ -78,6 +78,27 @@ void append_mesh(Mesh& mesh, const Mesh& more);
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,
                                       const ModelLimits& limits, double& file_step);
+// A glTF file with one of its animations, or with all of them, in memory.
+class GltfShapes {
+ public:
+  // `animation`: see ModelPose.
+  [[nodiscard]] static Result<GltfShapes> open(const std::filesystem::path& file,
+                                               std::vector<std::uint8_t> bytes, bool binary,
+                                               const ModelLimits& limits,
+                                               const std::string& animation);
+  GltfShapes(GltfShapes&&) noexcept;
+  ~GltfShapes();
+
+  // Returns the model at a time, without stored kernels. It may have no triangles.
+  [[nodiscard]] Result<Model> at(double time_s, double& file_step);
+  [[nodiscard]] double end_s() const;  // time of the last key
+
+ private:
+  struct Impl;
+  explicit GltfShapes(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
 [[nodiscard]] Result<Model> read_obj(const std::filesystem::path& file,
                                      std::span<const std::uint8_t> bytes, const ModelLimits& limits,
                                      double& file_step);

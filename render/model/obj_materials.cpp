@@ -284,8 +284,10 @@ void ObjMaterials::load_image(Model& model, ObjMaterial& from) {
   }
   const auto load = [&]() -> Result<int> {
     PENUMBRA_TRY(const std::filesystem::path file, model_resource_path(folder_, name));
-    PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits_.max_file_bytes));
-    Result<int> added = add_texture(model, bytes, file.string(), limits_);
+    PENUMBRA_TRY(std::vector<std::uint8_t> bytes, read_file(file, limits_.max_file_bytes));
+    PENUMBRA_TRY(RgbaImage decoded, decode_rgba(bytes, file.string()));
+    Result<int> added =
+        add_texture(model, std::move(decoded), file.string(), limits_, std::move(bytes));
     if (added && leaves_folder(name)) {
       warnings_.push_back(fmt::format(
           "{}: material \"{}\": \"{}\" is outside the model's folder; {} is used", model_name_,

@@ -46,13 +46,13 @@ Result<void> images_fit(const Scene& scene) {
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_side);
   for (const SceneObject& object : scene.objects) {
     if (!object.model) continue;
-    for (const Texture& texture : object.model->textures) {
-      if (std::max(texture.width, texture.height) <= max_side) continue;
+    for (const auto& texture : object.model->textures) {
+      if (std::max(texture->width, texture->height) <= max_side) continue;
       return fail(
           "{}: object \"{}\": an image of its model{}{} is {} x {} px, and this graphics driver "
           "takes {} px along a side at most; make the image smaller",
           scene.file, object.name, object.model_file.empty() ? "" : " ", object.model_file,
-          texture.width, texture.height, max_side);
+          texture->width, texture->height, max_side);
     }
   }
   return {};
@@ -178,7 +178,7 @@ const Texture2d* ObjectPainter::texture_of(GpuModel& gpu, const Model& model,
   const auto [entry, is_new] =
       gpu.textures.try_emplace({from.image, color, from.sampling}, from.sampling);
   if (is_new) {
-    const Texture& texture = model.textures[at];
+    const Texture& texture = *model.textures[at];
     entry->second.upload(color ? TexelFormat::srgb8_alpha8 : TexelFormat::rgba8, texture.width,
                          texture.height, texture.rgba.data(), std::ptrdiff_t{4} * texture.width);
   }

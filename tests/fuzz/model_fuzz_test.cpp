@@ -11,6 +11,7 @@
 
 #include "render/model/model.hpp"
 #include "render/scene/scene.hpp"
+#include "support/animated_gltf.hpp"
 #include "support/compressed_gltf.hpp"
 #include "support/gltf_builder.hpp"
 #include "support/paths.hpp"
@@ -90,7 +91,8 @@ int mutations(int nightly) {
 
 // Loads `count` files; returns the number accepted.
 int fuzz_model(const std::function<std::string(std::mt19937& random)>& damaged,
-               const std::string& extension, int count, unsigned seed) {
+               const std::string& extension, int count, unsigned seed,
+               const ModelLoadOptions& reading = {}) {
   test::TemporaryFolder folder;
   std::mt19937 random(seed);
   const std::filesystem::path file = folder.path() / ("model" + extension);
@@ -99,7 +101,7 @@ int fuzz_model(const std::function<std::string(std::mt19937& random)>& damaged,
     // Creates a new file, because some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << damaged(random);
-    const Result<Model> model = load_model(file);
+    const Result<Model> model = load_model(file, reading);
     if (model) {
       ++accepted;
       expect_sound(*model);
@@ -116,9 +118,10 @@ int fuzz_model(const std::function<std::string(std::mt19937& random)>& damaged,
 }
 
 // Tries `count` mutations; returns the number accepted.
-int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
+int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed,
+               const ModelLoadOptions& reading = {}) {
   return fuzz_model([&good](std::mt19937& random) { return mutated(good, random); }, extension,
-                    count, seed);
+                    count, seed, reading);
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGlb) {
@@ -191,7 +194,7 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
 
 // A glTF file with two joints (weights in three encodings), two morph targets (one sparse), an
 // instanced copy of the mesh, and a hidden node.
-std::string animated_gltf(bool binary) {
+test::GltfBuilder deforming_gltf() {
   test::GltfBuilder file;
   file.json["nodes"] = {{{"mesh", 0}, {"skin", 0}, {"weights", {0.5, 0.25}}},
                         {{"children", {2}}, {"translation", {0, 0.5, 0}}},
@@ -228,6 +231,10 @@ std::string animated_gltf(bool binary) {
   instances["TRANSLATION"] = file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0}, "VEC3");
   instances["ROTATION"] = file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0, 1, 0}, "VEC4");
   file.json["nodes"][4]["extensions"]["KHR_node_visibility"]["visible"] = false;
+  return file;
+}
+
+std::string text_of(const test::GltfBuilder& file, bool binary) {
   return binary ? file.glb() : file.gltf();
 }
 
@@ -235,9 +242,27 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedSkinsMorphTargetsAndInstances) {
   for (const bool binary : {false, true}) {
     const char* extension = binary ? ".glb" : ".gltf";
     const int accepted =
-        fuzz_model(animated_gltf(binary), extension, mutations(4000), binary ? 7 : 8);
+        fuzz_model(text_of(deforming_gltf(), binary), extension, mutations(4000), binary ? 7 : 8);
     EXPECT_GT(accepted, 0);
     EXPECT_LT(accepted, mutations(4000));
+  }
+}
+
+TEST(ModelFuzz, LoadsOrRejectsDamagedAnimations) {
+  test::GltfBuilder file = deforming_gltf();
+  test::animate(file, 2, "rotation", {0, 1}, std::vector<std::int8_t>{0, 0, 0, 127, 0, 90, 0, 90},
+                {.normalized = true});
+  test::animate(file, 1, "translation", {0, 0.5F, 2}, std::vector<float>(27, 0.1F),
+                {.interpolation = "CUBICSPLINE"});
+  test::animate(file, 0, "weights", {0.25F, 1}, std::vector<float>{0, 1, 1, 0},
+                {.interpolation = "STEP"});
+  test::animate(file, 3, "scale", {0, 3}, std::vector<float>{1, 1, 1, 2, 3, 4});
+  for (const double time_s : {0.0, 0.6, 5.0}) {
+    const auto seed = static_cast<unsigned>(60 + time_s);
+    const ModelLoadOptions reading{.pose = ModelPose{"all", time_s}};
+    const int accepted = fuzz_model(file.glb(), ".glb", mutations(2000), seed, reading);
+    EXPECT_GT(accepted, 0);
+    EXPECT_LT(accepted, mutations(2000));
   }
 }
 

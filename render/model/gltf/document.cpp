@@ -277,6 +277,42 @@ std::optional<std::string> find_invalid_field(Json& root, std::vector<std::strin
   return std::nullopt;
 }
 
+// Fields of each animation. Errors concern only those who play it.
+constexpr std::array kAnimationFields{
+    Field{"", kObject},
+    Field{"name", kText},
+    Field{"channels/*/sampler", kIndex},
+    Field{"channels/*/target/node", kIndex},
+    Field{"channels/*/target/path", kText},
+    Field{"samplers/*/input", kIndex},
+    Field{"samplers/*/output", kIndex},
+    Field{"samplers/*/interpolation", kText},
+};
+
+AnimationSource animation_from(Json& from, std::size_t index) {
+  AnimationSource animation;
+  const PathStep list{nullptr, "animations"};
+  const PathStep json_path{&list, {}, index};
+  FieldChecker checker;
+  for (const Field& field : kAnimationFields) {
+    const auto fault = checker.check(from, field.path, field.type, &json_path);
+    if (!fault) continue;
+    animation.fault = *fault;
+    return animation;
+  }
+  animation.name = from.value("name", "");
+  for (const Json& sampler : from.value("samplers", Json::array())) {
+    animation.samplers.push_back({sampler.value("input", -1), sampler.value("output", -1),
+                                  sampler.value("interpolation", "LINEAR")});
+  }
+  for (const Json& channel : from.value("channels", Json::array())) {
+    const Json target = channel.value("target", Json::object());
+    animation.channels.push_back(
+        {channel.value("sampler", -1), target.value("node", -1), target.value("path", "")});
+  }
+  return animation;
+}
+
 // Returns the first line of a library's message, without the name of its exception.
 std::string first_line(std::string text) {
   if (text.starts_with("[")) text.erase(0, std::min(text.find("] "), text.size() - 2) + 2);
@@ -419,7 +455,9 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
     document.images.push_back(
         {known ? image.value("uri", "") : "", known ? image.value("bufferView", -1) : -1});
   }
-  document.animation_count = extract_list(root, "animations").size();
+  Json animations = extract_list(root, "animations");
+  for (std::size_t i = 0; i < animations.size(); ++i)
+    document.animations.push_back(animation_from(animations[i], i));
   document.camera_count = extract_list(root, "cameras").size();
   root.erase("extensions");
   prepare_primitives(root);

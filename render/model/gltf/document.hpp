@@ -36,13 +36,31 @@ struct ImageSource {
   int buffer_view = -1;
 };
 
+// An animation of the file; -1: absent.
+struct AnimationSource {
+  struct Sampler {
+    int input = -1;   // accessor of the times
+    int output = -1;  // accessor of the values
+    std::string interpolation = "LINEAR";
+  };
+  struct Channel {
+    int sampler = -1;
+    int node = -1;
+    std::string path;
+  };
+  std::string name;
+  std::vector<Sampler> samplers;
+  std::vector<Channel> channels;
+  std::string fault;  // JSON path and error of a malformed field; then there are no channels
+};
+
 struct Document {
   // The parsed file without buffers, images, animations, cameras and top-level extensions. A
   // primitive's `indices` are stored as the attribute kIndicesKey.
   tinygltf::Model model;
   std::vector<BufferSource> buffers;
   std::vector<ImageSource> images;
-  std::size_t animation_count = 0;
+  std::vector<AnimationSource> animations;
   std::size_t camera_count = 0;
   std::map<std::string, std::string> extensions;  // name -> JSON path of the first use
   std::vector<std::string> erased_fields;  // malformed fields of materials, with their values

@@ -93,16 +93,16 @@ Result<void> check_required(const Document& document) {
   return {};
 }
 
-std::vector<std::string> ignored_content(const Document& document) {
+std::vector<std::string> ignored_content(const Document& document, bool posed) {
   std::vector<std::string> lines;
   if (!document.erased_fields.empty()) {
     const std::size_t more = document.erased_fields.size() - 1;
     lines.push_back(fmt::format("{}{}; the default is taken", document.erased_fields.front(),
                                 more > 0 ? fmt::format(" (and {} more such fields)", more) : ""));
   }
-  if (document.animation_count > 0) {
+  if (!document.animations.empty() && !posed) {
     lines.push_back(fmt::format("its animations ({}) are not played: the rest pose is shown",
-                                document.animation_count));
+                                document.animations.size()));
   }
   if (document.camera_count > 0) {
     lines.push_back(fmt::format("its cameras ({}) are not used", document.camera_count));

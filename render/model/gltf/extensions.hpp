@@ -26,7 +26,8 @@ inline constexpr std::array kMeshoptNames = {"EXT_meshopt_compression", "KHR_mes
 // Fails if the file requires an unsupported extension that may affect its geometry.
 [[nodiscard]] Result<void> check_required(const Document& document);
 
-// Returns warnings about content that the reader ignores, one line per kind.
-[[nodiscard]] std::vector<std::string> ignored_content(const Document& document);
+// Returns warnings about content that the reader ignores, one line per kind. `posed`: an animation
+// is read.
+[[nodiscard]] std::vector<std::string> ignored_content(const Document& document, bool posed);
 
 }  // namespace penumbra::gltf

@@ -160,8 +160,8 @@ Result<int> MaterialReader::decoded_image(int index) {
 
 Result<int> MaterialReader::add_image(std::span<const std::uint8_t> coded,
                                       const std::string& name) {
-  if (!is_webp(coded)) return add_texture(model_, coded, name, limits_);
-  PENUMBRA_TRY(RgbaImage image, decode_webp(coded, name));
+  PENUMBRA_TRY(RgbaImage image,
+               is_webp(coded) ? decode_webp(coded, name) : decode_rgba(coded, name));
   return add_texture(model_, std::move(image), name, limits_);
 }
 

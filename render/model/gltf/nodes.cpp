@@ -11,13 +11,6 @@
 namespace penumbra::gltf {
 namespace {
 
-// Returns the rotation of a quaternion in glTF's order (x, y, z, w), or nullopt if it is not unit.
-std::optional<Eigen::Quaterniond> rotation_of(const double* xyzw) {
-  const Eigen::Quaterniond rotation(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
-  if (!(std::abs(rotation.norm() - 1.0) < 0.1)) return std::nullopt;
-  return rotation.normalized();
-}
-
 bool is_hidden(const tinygltf::Node& node) {
   const auto visibility = node.extensions.find(kVisibility);
   if (visibility == node.extensions.end() || !visibility->second.Has("visible")) return false;
@@ -45,18 +38,20 @@ Result<Eigen::Matrix4d> Nodes::node_transform(std::size_t index) const {
     }
     return matrix;
   }
+  NodePose pose;
+  if (const NodePose* animated = pose_of(static_cast<int>(index))) pose = *animated;
+  if (!pose.translation && !node.translation.empty())
+    pose.translation = Eigen::Map<const Eigen::Vector3d>(node.translation.data());
+  if (!pose.rotation && !node.rotation.empty()) {
+    pose.rotation = rotation_of(node.rotation.data());
+    if (!pose.rotation) return fail("nodes/{}/rotation: is not a unit quaternion", index);
+  }
+  if (!pose.scale && !node.scale.empty())
+    pose.scale = Eigen::Map<const Eigen::Vector3d>(node.scale.data());
   Eigen::Affine3d placement = Eigen::Affine3d::Identity();
-  if (!node.translation.empty()) {
-    placement.translate(Eigen::Map<const Eigen::Vector3d>(node.translation.data()));
-  }
-  if (!node.rotation.empty()) {
-    const auto rotation = rotation_of(node.rotation.data());
-    if (!rotation) return fail("nodes/{}/rotation: is not a unit quaternion", index);
-    placement.rotate(*rotation);
-  }
-  if (!node.scale.empty()) {
-    placement.scale(Eigen::Map<const Eigen::Vector3d>(node.scale.data()));
-  }
+  if (pose.translation) placement.translate(*pose.translation);
+  if (pose.rotation) placement.rotate(*pose.rotation);
+  if (pose.scale) placement.scale(*pose.scale);
   return placement.matrix();
 }
 
@@ -68,7 +63,24 @@ std::uint32_t Nodes::add_node(const std::string& node, int mesh, int parent) {
   return static_cast<std::uint32_t>(model_.nodes.size() - 1);
 }
 
-Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int depth, int parent) {
+Result<void> Nodes::place(SceneNode& scene_node) const {
+  PENUMBRA_TRY(const Eigen::Matrix4d T_parent_node, node_transform(scene_node.node));
+  Eigen::Matrix4d T_root_parent = Eigen::Matrix4d::Identity();
+  if (scene_node.parent >= 0)
+    T_root_parent = scene_nodes_[static_cast<std::size_t>(scene_node.parent)].T_root_node;
+  scene_node.T_root_node = T_root_parent * T_parent_node;
+  return {};
+}
+
+Result<void> Nodes::set_poses(NodePoses poses) {
+  poses_ = std::move(poses);
+  T_root_nodes_.assign(T_root_nodes_.size(), std::nullopt);
+  joint_matrices_.clear();
+  for (SceneNode& scene_node : scene_nodes_) PENUMBRA_TRY_VOID(place(scene_node));
+  return {};
+}
+
+Result<void> Nodes::walk(int index, int depth, int parent) {
   const std::string what = fmt::format("nodes/{}", index);
   if (!has(gltf_.nodes, index)) {
     return fail("{}: does not exist, there are {}", what, gltf_.nodes.size());
@@ -84,19 +96,19 @@ Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int de
   visited_[i] = true;
   const tinygltf::Node& node = gltf_.nodes[i];
   if (is_hidden(node)) return {};
-  PENUMBRA_TRY(const Eigen::Matrix4d T_parent_node, node_transform(i));
-  const Eigen::Matrix4d T_root_node = T_root_parent * T_parent_node;
+  scene_nodes_.push_back({i, parent});
+  PENUMBRA_TRY_VOID(place(scene_nodes_.back()));
   const std::uint32_t model_node = add_node(node.name, node.mesh, parent);
   if (node.mesh >= 0) {
     if (!has(gltf_.meshes, node.mesh)) {
       return fail("{}: names mesh {}, there are {}", what, node.mesh, gltf_.meshes.size());
     }
     placements_.push_back(
-        {index, node.mesh, T_root_node, model_node,
+        {index, node.mesh, model_node,
          node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60))});
   }
   for (const int child : node.children) {
-    PENUMBRA_TRY_VOID(walk(child, T_root_node, depth + 1, static_cast<int>(model_node)));
+    PENUMBRA_TRY_VOID(walk(child, depth + 1, static_cast<int>(model_node)));
   }
   return {};
 }
@@ -130,13 +142,12 @@ Result<std::vector<Placement>> Nodes::visible_meshes() {
     shown = gltf_.scenes[static_cast<std::size_t>(scene)].nodes;
   }
   for (const int node : shown) {
-    PENUMBRA_TRY_VOID(walk(node, Eigen::Matrix4d::Identity(), 1, -1));
+    PENUMBRA_TRY_VOID(walk(node, 1, -1));
   }
   if (gltf_.scenes.empty() && gltf_.nodes.empty()) {
     for (std::size_t mesh = 0; mesh < gltf_.meshes.size(); ++mesh) {
       const auto index = static_cast<int>(mesh);
-      placements_.push_back({-1, index, Eigen::Matrix4d::Identity(), add_node("", index, -1),
-                             fmt::format("meshes/{}", mesh)});
+      placements_.push_back({-1, index, add_node("", index, -1), fmt::format("meshes/{}", mesh)});
     }
   }
   return std::move(placements_);
@@ -212,10 +223,13 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t 
   return instances;
 }
 
-Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(
-    const tinygltf::Skin& skin, const std::string& json_path) const {
+Result<const std::vector<Eigen::Matrix4d>*> Nodes::inverse_bind_matrices(
+    int index, const std::string& json_path) {
+  if (const auto known = inverse_bind_matrices_.find(index); known != inverse_bind_matrices_.end())
+    return &known->second;
+  const tinygltf::Skin& skin = gltf_.skins[static_cast<std::size_t>(index)];
   std::vector<Eigen::Matrix4d> matrices(skin.joints.size(), Eigen::Matrix4d::Identity());
-  if (skin.inverseBindMatrices < 0) return matrices;
+  if (skin.inverseBindMatrices < 0) return &(inverse_bind_matrices_[index] = std::move(matrices));
   const std::string what = json_path + "/inverseBindMatrices";
   PENUMBRA_TRY(const Elements elements, accessors_.elements(skin.inverseBindMatrices, what));
   const int type = accessors_.find(skin.inverseBindMatrices)->componentType;
@@ -233,7 +247,7 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::inverse_bind_matrices(
     }
     matrices[i].row(3) = expected;
   }
-  return matrices;
+  return &(inverse_bind_matrices_[index] = std::move(matrices));
 }
 
 Result<const std::vector<Eigen::Matrix4d>*> Nodes::joint_matrices(int index) {
@@ -247,10 +261,11 @@ Result<const std::vector<Eigen::Matrix4d>*> Nodes::joint_matrices(int index) {
       return fail("{}/joints: names node {}, there are {}", json_path, joint, gltf_.nodes.size());
     }
   }
-  PENUMBRA_TRY(std::vector<Eigen::Matrix4d> matrices, inverse_bind_matrices(skin, json_path));
+  PENUMBRA_TRY(const auto inverse, inverse_bind_matrices(index, json_path));
+  std::vector<Eigen::Matrix4d> matrices(inverse->size());
   for (std::size_t i = 0; i < matrices.size(); ++i) {
     PENUMBRA_TRY(const Eigen::Matrix4d T_root_joint, T_root_node(skin.joints[i]));
-    matrices[i] = T_root_joint * matrices[i];
+    matrices[i] = T_root_joint * (*inverse)[i];
     if (!matrices[i].allFinite()) {
       return fail("{}: the transform of joint {} is not finite", json_path, i);
     }

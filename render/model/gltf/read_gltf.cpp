@@ -4,6 +4,7 @@
 
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
+#include "render/model/gltf/animations.hpp"
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/gltf/extensions.hpp"
@@ -29,39 +30,56 @@ class Reader {
         document_(document),
         gltf_(document.model),
         buffers_(buffers),
-        uses_(uses),
+        mesh_uses_(uses),
         accessors_(gltf_, buffers, limits),
         materials_(document, accessors_, buffers, limits, model_, notes_),
         meshes_(gltf_, accessors_, materials_, limits, model_, notes_),
         nodes_(gltf_, accessors_, model_),
-        placer_(limits, model_, notes_) {}
+        animations_(document, accessors_, limits, notes_) {}
 
-  [[nodiscard]] Result<Model> read();
-  [[nodiscard]] double file_step() const { return placer_.file_step(); }
+  // Reads the file except the shape. `animation`: see Animations::read(); nullptr: none.
+  [[nodiscard]] Result<void> read(const std::string* animation);
+  // Returns the model in its rest pose, or at a time of its animation. Sets file_step().
+  [[nodiscard]] Result<Model> at(std::optional<double> time_s);
+  // Resolution of the file's coordinates after transformation.
+  [[nodiscard]] double file_step() const { return file_step_; }
+  [[nodiscard]] double end_s() const { return animations_.end_s(); }
 
  private:
+  // A use of a mesh in the scene, before it is placed.
+  struct Use {
+    Placement placement;
+    VertexPlacement vertices;
+    const std::vector<Primitive>* primitives = nullptr;
+    int skin = -1;  // of a mesh that its joints transform
+    std::vector<double> rest_weights;
+  };
+
   [[nodiscard]] std::vector<bool> used_materials(const std::vector<Placement>& placements) const;
   [[nodiscard]] Result<void> collect(const Placement& placement);
   [[nodiscard]] Result<std::vector<double>> morph_weights(
       const Placement& placement, const std::vector<Primitive>& primitives) const;
   // Returns one placement, or one per instance.
   [[nodiscard]] Result<std::vector<VertexPlacement>> vertex_placements(const Placement& placement);
+  [[nodiscard]] Result<void> pose(Use& use);
   void copy_kernel_metadata(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
                             const std::string& what);
-  void drop_ambiguous_kernels();
+  void drop_ambiguous_kernels(Model& model) const;
 
   const ModelLimits& limits_;
   const Document& document_;
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
-  std::vector<MeshUse>* uses_;
-  Model model_;
+  std::vector<MeshUse>* mesh_uses_;
+  Model model_;  // without meshes
   Notes notes_;
   Accessors accessors_;
   MaterialReader materials_;
   MeshReader meshes_;
   Nodes nodes_;
-  Placer placer_;
+  Animations animations_;
+  std::vector<Use> uses_;
+  double file_step_ = 0.0;
   bool kernels_disagree_ = false;  // meshes have different up directions
 };
 
@@ -145,13 +163,13 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
                  placement.json_path);
     }
     PENUMBRA_TRY(const auto matrices, nodes_.joint_matrices(node.skin));
-    result.push_back({placement.T_root_node, matrices});
+    result.push_back({nodes_.T_root_mesh(placement), matrices});
     return result;
   }
   const std::size_t max_instances = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
   PENUMBRA_TRY(const auto instances, nodes_.instances_of(placement.node, max_instances));
   for (const Eigen::Matrix4d& T_node_instance : instances) {
-    result.push_back({placement.T_root_node * T_node_instance, nullptr});
+    result.push_back({nodes_.T_root_mesh(placement) * T_node_instance, nullptr});
     if (node.extensions.contains(kInstancing)) result.back().T_node_instance = T_node_instance;
   }
   return result;
@@ -165,13 +183,13 @@ Result<void> Reader::collect(const Placement& placement) {
                 gltf_.skins.size());
   }
   PENUMBRA_TRY(const auto primitives, meshes_.mesh(placement.mesh, skin >= 0));
-  PENUMBRA_TRY(const std::vector<double> weights, morph_weights(placement, *primitives));
+  PENUMBRA_TRY(const auto weights, morph_weights(placement, *primitives));
   if (meshes_.vertex_count(placement.mesh) == 0) return {};
   PENUMBRA_TRY(auto vertex_placements_of, vertex_placements(placement));
   const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;
   for (VertexPlacement& vertices : vertex_placements_of) {
     PENUMBRA_TRY(vertices.source_shift, meshes_.source_shift_of_next_use(placement.mesh));
-    if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, *primitives));
+    if (mesh_uses_ != nullptr) mesh_uses_->push_back(use_of(placement, vertices, *primitives));
     // The kernel direction stored with a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
@@ -186,10 +204,19 @@ Result<void> Reader::collect(const Placement& placement) {
         }
         PENUMBRA_TRY_VOID(check_joints(primitive, vertices.joint_matrices->size()));
       }
-      PENUMBRA_TRY_VOID(placer_.collect(
-          {&primitive, weights, vertices, placement.model_node, placement.json_path}));
     }
+    uses_.push_back(
+        {placement, vertices, primitives, vertices.joint_matrices != nullptr ? skin : -1, weights});
   }
+  return {};
+}
+
+// Applies the nodes' poses to the transforms of a use.
+Result<void> Reader::pose(Use& use) {
+  use.vertices.T_root_mesh = nodes_.T_root_mesh(use.placement);
+  if (use.vertices.T_node_instance) use.vertices.T_root_mesh *= *use.vertices.T_node_instance;
+  if (use.skin < 0) return {};
+  PENUMBRA_TRY(use.vertices.joint_matrices, nodes_.joint_matrices(use.skin));
   return {};
 }
 
@@ -237,53 +264,110 @@ void Reader::copy_kernel_metadata(const tinygltf::Value& extras, const Eigen::Ma
 }
 
 // Drops the kernels if their direction is unknown or differs between meshes.
-void Reader::drop_ambiguous_kernels() {
-  if (kernels_disagree_) model_.shadow_kernel_up.reset();
-  if (model_.shadow_kernel_up) return;
-  for (Mesh& mesh : model_.meshes) mesh.shadow_kernels.clear();
+void Reader::drop_ambiguous_kernels(Model& model) const {
+  if (kernels_disagree_) model.shadow_kernel_up.reset();
+  if (model.shadow_kernel_up) return;
+  for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
 }
 
-Result<Model> Reader::read() {
+Result<void> Reader::read(const std::string* animation) {
   PENUMBRA_TRY_VOID(check_required(document_));
   model_.culls_back_faces = true;
+  if (animation != nullptr) PENUMBRA_TRY_VOID(animations_.read(*animation));
   PENUMBRA_TRY(const std::vector<Placement> placements, nodes_.visible_meshes());
   PENUMBRA_TRY_VOID(materials_.read(used_materials(placements)));
   PENUMBRA_TRY_VOID(meshes_.number_vertices());
   for (const Placement& placement : placements) {
     PENUMBRA_TRY_VOID(collect(placement));
   }
-  PENUMBRA_TRY_VOID(placer_.place_all());
-  if (model_.meshes.empty()) {
-    const std::string cause = notes_.first_line();
+  const std::vector<std::string> ignored = ignored_content(document_, animation != nullptr);
+  model_.warnings.insert(model_.warnings.begin(), ignored.begin(), ignored.end());
+  return {};
+}
+
+Result<Model> Reader::at(std::optional<double> time_s) {
+  if (time_s) PENUMBRA_TRY_VOID(nodes_.set_poses(animations_.poses_at(*time_s)));
+  Model model = model_;
+  Notes notes = notes_;
+  Placer placer(limits_, model, notes);
+  for (Use& use : uses_) {
+    if (time_s) PENUMBRA_TRY_VOID(pose(use));
+    const NodePose* animated = nodes_.pose_of(use.placement.node);
+    const bool morphs = animated != nullptr && !animated->weights.empty();
+    for (const Primitive& primitive : *use.primitives) {
+      PENUMBRA_TRY_VOID(
+          placer.collect({&primitive, morphs ? animated->weights : use.rest_weights, use.vertices,
+                          use.placement.model_node, use.placement.json_path}));
+    }
+  }
+  PENUMBRA_TRY_VOID(placer.place_all());
+  file_step_ = placer.file_step();
+  if (model.meshes.empty() && !time_s) {
+    const std::string cause = notes.first_line();
     if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
     return fail("its scene shows no triangles; export the model with its faces");
   }
-  drop_ambiguous_kernels();
-  std::vector<std::string> warnings = ignored_content(document_);
-  warnings.insert(warnings.end(), model_.warnings.begin(), model_.warnings.end());
-  notes_.append_to(warnings);
-  warnings.insert(warnings.end(), buffers_.warnings().begin(), buffers_.warnings().end());
-  model_.warnings = std::move(warnings);
-  return std::move(model_);
+  if (time_s && model.shadow_kernel_up) {
+    model.shadow_kernel_up.reset();
+    model.warnings.emplace_back(
+        "its stored shadow kernels are for the rest pose; they are computed again");
+  }
+  drop_ambiguous_kernels(model);
+  notes.append_to(model.warnings);
+  model.warnings.insert(model.warnings.end(), buffers_.warnings().begin(),
+                        buffers_.warnings().end());
+  return model;
 }
 
-// Like read_gltf(); also fills `uses` if it is not null.
-Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                         bool binary, const ModelLimits& limits, double& file_step,
-                         std::vector<MeshUse>* uses) {
-  const std::string name = file.string();
+// A file with its reader, which refers to the other members.
+class File {
+ public:
+  // `bytes` must outlive the file. For the other arguments see Reader.
+  [[nodiscard]] static Result<std::unique_ptr<File>> open(const std::filesystem::path& path,
+                                                          std::span<const std::uint8_t> bytes,
+                                                          bool binary, const ModelLimits& limits,
+                                                          const std::string* animation,
+                                                          std::vector<MeshUse>* uses);
+  // See Reader. Adds the file's name to errors and warnings.
+  [[nodiscard]] Result<Model> at(std::optional<double> time_s, double& file_step);
+  [[nodiscard]] double end_s() const { return reader_.end_s(); }
+
+ private:
+  File(const std::filesystem::path& path, Document document, const Container& container,
+       const ModelLimits& limits, std::vector<MeshUse>* uses)
+      : name_(path.string()),
+        limits_(limits),
+        document_(std::move(document)),
+        buffers_(path, std::move(document_.buffers), container.binary, limits.max_file_bytes),
+        reader_(document_, buffers_, limits_, uses) {}
+
+  std::string name_;
+  ModelLimits limits_;
+  Document document_;
+  Buffers buffers_;
+  Reader reader_;
+};
+
+Result<std::unique_ptr<File>> File::open(const std::filesystem::path& path,
+                                         std::span<const std::uint8_t> bytes, bool binary,
+                                         const ModelLimits& limits, const std::string* animation,
+                                         std::vector<MeshUse>* uses) {
+  const std::string name = path.string();
   Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
     PENUMBRA_TRY(container, open_glb(name, bytes));
   }
   PENUMBRA_TRY(Document document, parse_document(name, container.json));
-  Buffers buffers(file, std::move(document.buffers), container.binary, limits.max_file_bytes);
-  Reader reader(document, buffers, limits, uses);
-  Result<Model> model = reader.read();
-  if (!model) return fail_in(name, model.error());
-  file_step = reader.file_step();
-  for (std::string& warning : model->warnings)
-    warning = without_control_characters(name + ": " + warning);
+  std::unique_ptr<File> file(new File(path, std::move(document), container, limits, uses));
+  PENUMBRA_TRY_VOID(with_place(name, file->reader_.read(animation)));
+  return file;
+}
+
+Result<Model> File::at(std::optional<double> time_s, double& file_step) {
+  PENUMBRA_TRY(Model model, with_place(name_, reader_.at(time_s)));
+  file_step = reader_.file_step();
+  for (std::string& warning : model.warnings)
+    warning = without_control_characters(name_ + ": " + warning);
   return model;
 }
 
@@ -294,9 +378,8 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
   PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   std::vector<MeshUse> uses;
-  double file_step = 0.0;
   const bool binary = text.starts_with("glTF");
-  PENUMBRA_TRY_VOID(read_bytes(file, bytes, binary, limits, file_step, &uses));
+  PENUMBRA_TRY_VOID(File::open(file, bytes, binary, limits, nullptr, &uses));
   return uses;
 }
 
@@ -304,7 +387,35 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
 
 Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
                         bool binary, const ModelLimits& limits, double& file_step) {
-  return gltf::read_bytes(file, bytes, binary, limits, file_step, nullptr);
+  PENUMBRA_TRY(const auto opened, gltf::File::open(file, bytes, binary, limits, nullptr, nullptr));
+  return opened->at(std::nullopt, file_step);
+}
+
+struct GltfShapes::Impl {
+  std::vector<std::uint8_t> bytes;
+  std::unique_ptr<gltf::File> file;
+};
+
+GltfShapes::GltfShapes(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+GltfShapes::GltfShapes(GltfShapes&&) noexcept = default;
+GltfShapes::~GltfShapes() = default;
+
+Result<GltfShapes> GltfShapes::open(const std::filesystem::path& file,
+                                    std::vector<std::uint8_t> bytes, bool binary,
+                                    const ModelLimits& limits, const std::string& animation) {
+  auto impl = std::make_unique<Impl>();
+  impl->bytes = std::move(bytes);
+  PENUMBRA_TRY(impl->file,
+               gltf::File::open(file, impl->bytes, binary, limits, &animation, nullptr));
+  return GltfShapes(std::move(impl));
+}
+
+Result<Model> GltfShapes::at(double time_s, double& file_step) {
+  return impl_->file->at(time_s, file_step);
+}
+
+double GltfShapes::end_s() const {
+  return impl_->file->end_s();
 }
 
 }  // namespace penumbra

@@ -145,15 +145,15 @@ class MaterialWriter {
   // Returns the number of images that can't be embedded.
   std::size_t add_images(const Model& model) {
     std::size_t skipped = 0;
-    for (const Texture& texture : model.textures) {
-      if (!has_embeddable_image(texture)) {
+    for (const auto& texture : model.textures) {
+      if (!has_embeddable_image(*texture)) {
         ++skipped;
         images_.push_back(-1);
         continue;
       }
-      const std::size_t view = document_.add_view(texture.encoded);
+      const std::size_t view = document_.add_view(texture->encoded);
       Json& images = document_.json["images"];
-      images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture.encoded)}});
+      images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture->encoded)}});
       images_.push_back(static_cast<int>(images.size()) - 1);
     }
     return skipped;

@@ -25,7 +25,7 @@ Model textured_square(int size, const Alpha& alpha) {
                           {200, 100, 50, static_cast<std::uint8_t>(alpha(x, y))});
     }
   }
-  model.textures.push_back(std::move(texture));
+  model.textures.push_back(std::make_shared<const Texture>(std::move(texture)));
   Material material;
   material.alpha_mode = AlphaMode::mask;
   material.base_color_texture.image = 0;

@@ -503,8 +503,8 @@ TEST(Compositor, ReportsImageBeyondDriverLimit) {
   const auto plain = box(0.05, glm::vec4(1.0F));
   auto model = std::make_shared<Model>(*plain);
   constexpr int kWidth = 1 << 17;  // more than any driver supports
-  model->textures.push_back(
-      {kWidth, 1, std::vector<std::uint8_t>(std::size_t{4} * kWidth, std::uint8_t{200})});
+  model->textures.push_back(std::make_shared<const Texture>(
+      Texture{kWidth, 1, std::vector<std::uint8_t>(std::size_t{4} * kWidth, std::uint8_t{200})}));
   model->materials[0].base_color_texture.image = 0;
   SceneBuilder builder;
   builder.add(plain, test::at(0.0, 0.0, 0.1));

@@ -310,7 +310,7 @@ TEST_F(KernelGlb, EmbedsImagesBesideModel) {
   ASSERT_TRUE(model);
   EXPECT_THAT(model->warnings, IsEmpty());
   ASSERT_EQ(model->textures.size(), 1U);
-  EXPECT_EQ(model->textures[0].rgba, rgba);
+  EXPECT_EQ(model->textures[0]->rgba, rgba);
 }
 
 TEST_F(KernelGlb, ReportsMissingImage) {
@@ -350,7 +350,7 @@ TEST_F(KernelGlb, ConvertsObjWithLatin1NamesAndImageToMetres) {
   EXPECT_THAT(reloaded->warnings, IsEmpty());
   EXPECT_NEAR(reloaded->max_corner.x, 0.064, 1e-7);
   ASSERT_EQ(reloaded->textures.size(), 1U);
-  EXPECT_EQ(reloaded->textures[0].rgba, rgba);
+  EXPECT_EQ(reloaded->textures[0]->rgba, rgba);
   EXPECT_EQ(reloaded->materials[0].name, "gr\xC3\xBCn");
   expect_kernels_as_made(*reloaded);
   // The embedded image equals the image file byte for byte.

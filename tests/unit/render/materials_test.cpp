@@ -607,7 +607,7 @@ TEST(Materials, DecodesWebpTextures) {
   const auto model = model_of(webp);
   EXPECT_TRUE(model->warnings.empty());
   ASSERT_EQ(model->textures.size(), 1U);
-  EXPECT_EQ(model->textures[0].rgba, model_of(png)->textures[0].rgba);
+  EXPECT_EQ(model->textures[0]->rgba, model_of(png)->textures[0]->rgba);
 }
 
 TEST(Materials, ReportsDamagedWebp) {
