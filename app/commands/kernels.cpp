@@ -27,6 +27,7 @@ struct KernelsOptions {
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   KernelSource source = KernelSource::automatic;
   double unit_m = 1.0;  // unit of the model's coordinates [m]
+  std::optional<ModelPose> pose;
   bool glb = false;
 };
 
@@ -94,7 +95,9 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   PENUMBRA_TRY_VOID(with_progress(
       [&]() -> Result<void> {
         // Kernels in the file will be replaced, so they are not read.
-        auto model = load_model(options.model, {.unit_m = options.unit_m, .stored_kernels = false});
+        auto model =
+            load_model(options.model,
+                       {.unit_m = options.unit_m, .stored_kernels = false, .pose = options.pose});
         if (!model) return tl::unexpected(model.error());
         if (const auto checked = check_groups(*model, options.groups); !checked) {
           return fail("{}: {}", options.model.string(), checked.error().message);
@@ -138,6 +141,7 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       "The direction they are for, in the object's frame (z up)")
       ->default_str("0,0,1");
   add_unit_option(command, options->unit_m);
+  add_pose_options(command, options->pose);
   add_word_option(command, "--kernels", kKernelSourceNames, "kernels", options->source,
                   "How they are computed: auto (from silhouettes), smooth, per-axis or cocl")
       ->type_name("KERNELS")
@@ -154,6 +158,9 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
                   options->output.string());
     }
     options->glb = extension == ".glb";
+    if (options->glb && options->pose) {
+      usage_error("--output", "a .glb has kernels for its rest pose only; give a .json file");
+    }
     chosen = [options] { return run_kernels(*options); };
   });
 }

@@ -572,6 +572,26 @@ void add_unit_option(CLI::App& command, double& unit_m) {
                   "Unit of the model's coordinates (default: m)");
 }
 
+void add_pose_options(CLI::App& command, std::optional<ModelPose>& pose) {
+  const auto pose_of = [&pose]() -> ModelPose& { return pose ? *pose : pose.emplace(); };
+  add_text_option(
+      command, "--animation", "NAME|INDEX|all",
+      [pose_of](const std::string& animation) {
+        if (animation.empty()) usage_error("--animation", "is empty; give a name, an index or all");
+        pose_of().animation = animation;
+      },
+      "Shape of the model in this animation (default: its rest pose)");
+  const auto set_time = [pose_of](const std::string& text) {
+    const auto time_s = parse_number(text);
+    if (!time_s || !std::isfinite(*time_s)) {
+      usage_error("--time", "{}: is not a number of seconds", text);
+    }
+    pose_of().time_s = *time_s;
+  };
+  add_text_option(command, "--time", "SECONDS", set_time,
+                  "Time of the animation, which is the first one without --animation (default: 0)");
+}
+
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options) {
   const char* first = nullptr;
   for (const char* option : options) {

@@ -173,6 +173,8 @@ void add_pairing_options(CLI::App& command, PairingOptions& pairing);
 CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>& poses_from);
 void add_part_group_option(CLI::App& command, std::vector<std::string>& groups);
 void add_unit_option(CLI::App& command, double& unit_m);
+// Adds --animation and --time. Without them `pose` remains empty.
+void add_pose_options(CLI::App& command, std::optional<ModelPose>& pose);
 
 // Returns the values that --shadow accepts: "none, simple, ...".
 [[nodiscard]] std::string known_techniques();

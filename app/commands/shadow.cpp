@@ -102,6 +102,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--up", "y|z", options->up,
              "Axis of the file that points up (default: y for glTF, z for OBJ)");
   add_unit_option(command, options->unit_m);
+  add_pose_options(command, options->model_pose);
   command.add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the image");
   add_option(
       command, "--output", "FILE", options->output,

@@ -200,6 +200,7 @@ ShadowJob job_from(const ShadowOptions& options) {
   }
   job.groups = options.groups;
   job.unit_m = options.unit_m;
+  job.pose = options.model_pose;
   apply_proxy(options, job);
   if (options.up == "y") job.up = UpAxis::y;
   if (options.up == "z") job.up = UpAxis::z;

@@ -22,6 +22,7 @@ struct ShadowOptions {
   std::string proxy = "none";
   std::string up;
   double unit_m = 1.0;
+  std::optional<ModelPose> model_pose;
   std::string light_height;
   std::optional<double> light_ratio;
   std::optional<double> umbra_height;

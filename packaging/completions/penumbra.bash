@@ -14,11 +14,11 @@ _penumbra() {
     live) options='--help --version --log-level --camera --calibration --camera-name --size --scale-calibration --fps --format --exposure --gain --white-balance --focus --no-dma-buf --record --duration --scene --tags --shadow --kernels --light-mode --proxy --translucency --layers --show-rays --tracking --pose-budget --no-background-search --refine-map --refine-camera --smooth --output --poses --poses-all --group-poses --frame-log --report --threads --rectified --msaa --pixel-buffers --no-video-light --no-skip --no-window --no-hud --no-vsync' ;;
     devices) options='--help --version --log-level' ;;
     evaluate) options='--help --version --log-level --estimated --groundtruth --split-half --camera --camera-name --tags --json --plot --per-frame --estimated-groups --groundtruth-groups --tracking --pose-budget --no-background-search --max-gap --time-offset' ;;
-    shadow) options='--help --version --log-level --light-height --light-ratio --umbra-height --workspace-height --magnification --kernels --light-mode --group --pose --plane --technique --light --proxy --up --unit --show-kernels --output' ;;
+    shadow) options='--help --version --log-level --light-height --light-ratio --umbra-height --workspace-height --magnification --kernels --light-mode --group --pose --plane --technique --light --proxy --up --unit --animation --time --show-kernels --output' ;;
     target) options='--help --version --log-level --output --tags --page --family --dictionary --type --first-id --columns --rows --tag-size --pitch --spacing --square --measured' ;;
     calibrate) options='--help --version --log-level --target --output --report --model --board --format --compare --camera-name --focus-position --views --keep --no-window --size --fps --duration' ;;
     map) options='--help --version --log-level --tag-size --sizes --anchor --family --camera --camera-name --plane --refine-camera --output' ;;
-    kernels) options='--help --version --log-level --up --unit --kernels --group --output' ;;
+    kernels) options='--help --version --log-level --up --unit --animation --time --kernels --group --output' ;;
     simulate) options='--help --version --log-level --camera --camera-name --tags --trajectory --group --output --noise --blur --seed --tone --gain --lens-blur --cover --cover-from' ;;
     study) options='--help --version --log-level --experiment --output --techniques --participant --seed --trials --tolerance --pause --resume --recording --poses-from --camera --calibration --camera-name --fps --tags --tracking --pose-budget --no-background-search --script --plan --no-window' ;;
   esac

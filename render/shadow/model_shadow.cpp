@@ -339,7 +339,9 @@ Result<void> add_penumbra_layers(const ShadowJob& request, const ShadowMesh& mes
 }  // namespace
 
 Result<ModelShadow> compute_shadow(const ModelShadowRequest& request) {
-  PENUMBRA_TRY(auto model, load_model(request.model, {.up = request.up, .unit_m = request.unit_m}));
+  PENUMBRA_TRY(auto model,
+               load_model(request.model,
+                          {.up = request.up, .unit_m = request.unit_m, .pose = request.pose}));
   return compute_shadow(request, std::move(model));
 }
 

@@ -39,7 +39,8 @@ struct ModelShadowRequest {
   Proxy proxy = Proxy::none;
   std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
-  double unit_m = 1.0;  // unit of the model's coordinates [m]
+  double unit_m = 1.0;            // unit of the model's coordinates [m]
+  std::optional<ModelPose> pose;  // nullopt: the rest pose
   LayeredConstants constants;
   std::optional<double> workspace_height;  // height that determined the constants [m]
   Placement placement;                     // T_world_object

@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "replay_support.hpp"
+#include "support/animated_gltf.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -105,6 +106,88 @@ TEST_F(ShadowCommand, ScalesModelAndKernelsByUnit) {
   const ProgramResult wrong = penumbra({"shadow", file("mm.obj"), "--unit", "furlong"});
   EXPECT_EQ(wrong.exit_code, 2);
   EXPECT_THAT(wrong.err, HasSubstr("--unit"));
+}
+
+// A square of 0.2 m that rises from 0.1 m to 0.3 m within two seconds ("rise"), or stretches to
+// twice its length ("stretch").
+std::string animated_square() {
+  GltfBuilder file;
+  file.node({{"mesh", file.mesh({-0.1F, 0, 0.1F, 0.1F, 0, 0.1F, 0.1F, 0, -0.1F, -0.1F, 0, -0.1F},
+                                {0, 1, 2, 0, 2, 3})},
+             {"translation", {0, 0.1, 0}}});
+  animate(file, 0, "translation", {0, 2}, std::vector<float>{0, 0.1F, 0, 0, 0.3F, 0});
+  animate(file, 0, "scale", {0, 2}, std::vector<float>{1, 1, 1, 2, 1, 1}, {.animation = 1});
+  file.json["animations"][0]["name"] = "rise";
+  file.json["animations"][1]["name"] = "stretch";
+  return file.glb();
+}
+
+TEST_F(ShadowCommand, ComputesShapeAtTimeOfAnimation) {
+  write("square.glb", animated_square());
+  const auto area = [this](const std::vector<std::string>& options) {
+    std::vector<std::string> arguments = {file("square.glb"), "--light-height", "0.9"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    return layers(arguments)["layers"]["middle"]["area"].get<double>();
+  };
+  // The middle layer's factor at a height h is H / (H - h).
+  const auto expected = [](double h) {
+    const double s = 0.9 / (0.9 - h);
+    return 0.04 * s * s;
+  };
+  EXPECT_NEAR(area({}), expected(0.1), 1e-6);
+  EXPECT_THAT(last_warnings_, HasSubstr("its animations (2) are not played"));
+  EXPECT_NEAR(area({"--animation", "rise", "--time", "1"}), expected(0.2), 1e-6);
+  EXPECT_EQ(last_warnings_, "");
+  EXPECT_NEAR(area({"--time", "1"}), expected(0.2), 1e-6);
+  EXPECT_NEAR(area({"--animation", "rise", "--time", "-1"}), expected(0.1), 1e-6);
+  EXPECT_NEAR(area({"--animation", "0", "--time", "100"}), expected(0.3), 1e-6);
+  EXPECT_NEAR(area({"--animation", "stretch"}), expected(0.1), 1e-6);
+  const auto simple_area = [this](const std::string& animation) {
+    return layers({file("square.glb"), "--technique", "simple", "--animation", animation, "--time",
+                   "1"})["layers"]["shadow"]["area"]
+        .get<double>();
+  };
+  EXPECT_NEAR(simple_area("0"), 0.04, 1e-8);
+  EXPECT_NEAR(simple_area("1"), 0.06, 1e-8);
+  EXPECT_NEAR(simple_area("all"), 0.06, 1e-8);
+}
+
+TEST_F(ShadowCommand, ListsAnimationsIfNameIsUnknown) {
+  write("square.glb", animated_square());
+  const ProgramResult unknown =
+      penumbra({"shadow", file("square.glb"), "--animation", "rize", "--time", "1"});
+  EXPECT_EQ(unknown.exit_code, 1);
+  EXPECT_THAT(unknown.err, HasSubstr("square.glb: has no animation \"rize\"; give one of 0 "
+                                     "\"rise\", 1 \"stretch\", or all"));
+  for (const char* time : {"nan", "inf", "soon", ""}) {
+    const ProgramResult wrong = penumbra({"shadow", file("square.glb"), "--time", time});
+    EXPECT_EQ(wrong.exit_code, 2) << time;
+    EXPECT_THAT(wrong.err, HasSubstr("--time"));
+  }
+  EXPECT_EQ(penumbra({"shadow", file("square.glb"), "--animation", ""}).exit_code, 2);
+  EXPECT_EQ(penumbra({"shadow", file("square.obj"), "--time", "1"}).exit_code, 1);
+}
+
+TEST_F(KernelsCommand, MakesKernelsForTimeOfAnimation) {
+  write("square.glb", animated_square());
+  const std::vector<std::string> pose = {"--animation", "stretch", "--time", "1"};
+  std::vector<std::string> kernels = {"kernels", file("square.glb"), "--output", file("k.json")};
+  kernels.insert(kernels.end(), pose.begin(), pose.end());
+  ASSERT_EQ(penumbra(kernels).exit_code, 0);
+  std::vector<std::string> shadow = {file("square.glb"), "--kernels", file("k.json")};
+  shadow.insert(shadow.end(), pose.begin(), pose.end());
+  const auto stored = layers(shadow);
+  EXPECT_EQ(stored["kernels"]["source"], file("k.json").string());
+  std::vector<std::string> generated = {file("square.glb")};
+  generated.insert(generated.end(), pose.begin(), pose.end());
+  EXPECT_EQ(stored["layers"], layers(generated)["layers"]);
+  // For another shape, other kernels are computed.
+  layers({file("square.glb"), "--kernels", file("k.json")});
+  EXPECT_THAT(last_warnings_, HasSubstr("its kernels are computed again"));
+  kernels[3] = file("k.glb");
+  const ProgramResult glb = penumbra(kernels);
+  EXPECT_EQ(glb.exit_code, 2);
+  EXPECT_THAT(glb.err, HasSubstr("give a .json file"));
 }
 
 TEST_F(ShadowCommand, PrintsWarningsAndWritesThemToJson) {

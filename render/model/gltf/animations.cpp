@@ -68,11 +68,9 @@ std::vector<double> Curve::at(double time_s) const {
   } else if (!rotation) {
     for (std::size_t i = 0; i < width; ++i) value[i] = a[i] + t * (b[i] - a[i]);
   } else {
-    // Over the shorter arc, because slerp() negates one quaternion if necessary.
-    const Eigen::Quaterniond turned =
-        rotation_of(a)
-            .value_or(Eigen::Quaterniond::Identity())
-            .slerp(t, rotation_of(b).value_or(Eigen::Quaterniond::Identity()));
+    // Over the shorter arc, because slerp() negates one quaternion if necessary. read_values()
+    // checked the keys.
+    const Eigen::Quaterniond turned = rotation_of(a)->slerp(t, *rotation_of(b));
     value = {turned.x(), turned.y(), turned.z(), turned.w()};
   }
   return value;
