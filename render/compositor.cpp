@@ -46,16 +46,15 @@ class BlendedPass : public Pass {
 }  // namespace
 
 struct Compositor::Impl {
-  Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
-       bool with_pixel_buffers)
+  Impl(GlContext& gl, const Scene& shown, const CameraModel& camera, bool with_pixel_buffers)
       : context(gl),
-        scene(std::move(shown)),
+        scene(shown),
         width(camera.width()),
         height(camera.height()),
         lens(make_lens(camera)),
         pixel_buffers(with_pixel_buffers),
         video(gl.info().api, with_pixel_buffers),
-        casters(*scene, camera),
+        casters(scene, camera),
         geometry(casters, camera) {}
 
   Impl(const Impl&) = delete;
@@ -64,7 +63,7 @@ struct Compositor::Impl {
   ~Impl() { context.make_current(); }
 
   GlContext& context;
-  std::shared_ptr<const Scene> scene;
+  Scene scene;  // models of objects with an animation: the shapes of the most recent frame
   int width;
   int height;
   LensUniforms lens;
@@ -90,8 +89,8 @@ struct Compositor::Impl {
     const GlApi api = context.info().api;
     PENUMBRA_TRY(framebuffer, Framebuffer::create(width, height, samples));
     PENUMBRA_TRY(abilities, probe_fragment_abilities(api));
-    PENUMBRA_TRY(objects, ObjectPainter::create(api, *scene, camera));
-    PENUMBRA_TRY(receivers, Receivers::create(api, *scene, camera));
+    PENUMBRA_TRY(objects, ObjectPainter::create(api, scene, camera));
+    PENUMBRA_TRY(receivers, Receivers::create(api, scene, camera));
     PENUMBRA_TRY(painter, LayerPainter::create(api, camera));
     const bool multisampled = framebuffer.samples() > 0;
     surfaces.push_back(std::make_unique<PhantomPass>());
@@ -112,6 +111,9 @@ struct Compositor::Impl {
   }
 
   Result<void> prepare(const DrawContext& draw_context, const FramePlan& plan) {
+    for (const PosedModel& posed : plan.posed)
+      scene.objects[static_cast<std::size_t>(posed.object)].model = posed.model;
+    objects.pose(plan.posed);
     PENUMBRA_TRY_VOID(objects.choose(draw_context.mode, draw_context.video_format));
     casters.begin_frame();
     for (const auto* passes : {&surfaces, &overlays}) {
@@ -192,14 +194,14 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
       options.msaa.value_or(multisampling_for(context.info().software, max_samples));
   const GlApi api = context.info().api;
   const bool on_gpu = !context.info().software;
-  auto impl = std::make_unique<Impl>(context, std::move(scene), camera,
-                                     options.pixel_buffers.value_or(on_gpu));
+  auto impl =
+      std::make_unique<Impl>(context, *scene, camera, options.pixel_buffers.value_or(on_gpu));
   PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
   if (rectified) impl->rectified.emplace(api, video_camera);
   // Reports errors of creating models, textures and programs.
   if (const auto error = take_gl_error(context.info()))
-    return fail("{}: {}", impl->scene->file, gl_error_text(*error));
+    return fail("{}: {}", impl->scene.file, gl_error_text(*error));
   return Compositor(std::move(impl));
 }
 
@@ -212,7 +214,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
-  const DrawContext context{*m.scene,
+  const DrawContext context{m.scene,
                             m.lens,
                             m.framebuffer,
                             m.receivers,

@@ -52,6 +52,21 @@ bool is_bounded(const ShadowDraw& draw, const Model& model) {
   return !traits_of(draw.technique).uses_kernels || !model.shadow_kernel_up;
 }
 
+// Adds the shapes of objects with an animation to the plan. Returns them by object; empty if there
+// are none.
+std::vector<const Model*> pose_models(const Scene& scene, const SceneState& state,
+                                      FramePlan& plan) {
+  std::vector<const Model*> posed;
+  for (std::size_t i = 0; i < state.poses.size(); ++i) {
+    if (!scene.objects[i].playback.model) continue;
+    const auto object = static_cast<int>(i);
+    plan.posed.push_back({object, shape_of(scene, state, object)});
+    posed.resize(scene.objects.size(), nullptr);
+    posed[i] = plan.posed.back().model.get();
+  }
+  return posed;
+}
+
 class Planner {
  public:
   Planner(const Scene& scene, const SceneState& state, const CameraModel& camera,
@@ -60,6 +75,7 @@ class Planner {
         state_(state),
         options_(options),
         plan_(plan),
+        posed_(pose_models(scene, state, plan)),
         frustum_(make_frustum(camera)),
         T_camera_table_(plan.T_table_camera.inverse()) {}
 
@@ -68,12 +84,13 @@ class Planner {
       const SceneObject& object = scene_.objects[i];
       if (!object.model) continue;  // a node of the hierarchy without a model
       const auto index = static_cast<int>(i);
-      const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index)};
+      const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index),
+                            pose_of(state_, index)};
       if (draw.opacity <= 0.0F) {
         skip(SkipReason::object_group_not_seen, index);
         continue;
       }
-      if (options_.skip && out_of_view(box_corners(*object.model, draw.T_table_object))) {
+      if (options_.skip && out_of_view(box_corners(model_of(index), draw.T_table_object))) {
         skip(SkipReason::object_out_of_view, index);
         continue;
       }
@@ -152,6 +169,17 @@ class Planner {
     return scene_.objects[static_cast<std::size_t>(object)];
   }
 
+  // Returns the shape of an object that has a model.
+  [[nodiscard]] const Model& model_of(int object) const {
+    const auto index = static_cast<std::size_t>(object);
+    return index < posed_.size() && posed_[index] != nullptr ? *posed_[index]
+                                                             : *scene_.objects[index].model;
+  }
+  [[nodiscard]] const Model& casting_model_of(const LitCaster& caster) const {
+    const SceneObject& object = object_at(caster.object);
+    return object.playback.model ? model_of(caster.object) : *casting_model(object, caster.proxy);
+  }
+
   // Returns true if an object casts shadows at this time. `report`: records why it never does.
   bool casts(int object, bool report = true) {
     if (object_at(object).model && object_at(object).casts_shadow)
@@ -169,14 +197,18 @@ class Planner {
       draw.object = caster;
       draw.plane = receiver.plane;
       draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
+      // Kernels would have to be generated in each frame (docs/shadows.md#animated-models).
+      if (technique == ShadowTechnique::layered && object_at(caster).playback.model)
+        draw.technique = ShadowTechnique::field;
       draw.kernels = options_.kernels.value_or(node.kernels);
       // A proportional light needs each part's thickness; one kernel per object has none.
-      if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
+      if (traits_of(draw.technique).uses_kernels && draw.kernels != KernelSource::centroid) {
         draw.light_mode = options_.light_mode.value_or(node.light_mode);
       }
       draw.proxy = options_.proxies;
       draw.plane_frame = receiver.frame;
       draw.T_table_object = placement_of_model(caster);
+      draw.pose_s = pose_of(state_, caster);
       draw.constants = node.layered;
       draw.fractions = fractions;
       draw.tone_exponent = plan_.tone_exponent;
@@ -187,7 +219,7 @@ class Planner {
 
   void plan_shadow(ShadowDraw draw) {
     if (!casts(draw.object)) return;
-    const Model& model = *object_at(draw.object).model;
+    const Model& model = model_of(draw.object);
     if (!traits_of(draw.technique).has_penumbra) draw.umbra = draw.penumbra = false;
     const BoxCorners corners = box_corners(model, draw.T_table_object);
     const HeightRange heights = heights_above(draw.plane_frame, corners);
@@ -247,7 +279,7 @@ class Planner {
     }
   };
   [[nodiscard]] ReceiverBounds receiver_bounds(int object, const PlaneFrame& plane) const {
-    const BoxCorners box = box_corners(*object_at(object).model, placement_of_model(object));
+    const BoxCorners box = box_corners(model_of(object), placement_of_model(object));
     return {object, footprint(box, plane), heights_above(plane, box)};
   }
   // Returns the bounds of all receivers, in view or not.
@@ -257,7 +289,7 @@ class Planner {
       const SceneObject& object = scene_.objects[i];
       const auto index = static_cast<int>(i);
       if (!object.model || opacity_of_object(index) <= 0.0F) continue;
-      if (object.phantom || !all_blends(*object.model))
+      if (object.phantom || !all_blends(model_of(index)))
         entry->second.push_back(receiver_bounds(index, frame));
     }
     return entry->second;
@@ -270,7 +302,7 @@ class Planner {
     for (const ObjectDraw& receiver : receivers) {
       if (belong_together(cast.shadow.object, receiver.object)) continue;
       const SceneObject& object = object_at(receiver.object);
-      if (options_.skip && !object.phantom && all_blends(*object.model)) {
+      if (options_.skip && !object.phantom && all_blends(model_of(receiver.object))) {
         skip(SkipReason::receiver_blends, receiver.object);
         continue;
       }
@@ -308,7 +340,8 @@ class Planner {
             placement_of_model(object),
             light_position_of(light),
             options_.proxies,
-            opacity_of_object(object)};
+            opacity_of_object(object),
+            pose_of(state_, object)};
   }
 
   void plan_hard_shadows(const ShadowNode& node, int node_index, const PlaneReceiver& receiver) {
@@ -387,7 +420,7 @@ class Planner {
   [[nodiscard]] std::vector<BoundingSphere> spheres_about_phantoms() const {
     std::vector<BoundingSphere> spheres;
     for (const ObjectDraw& phantom : plan_.phantoms) {
-      const Model& model = *object_at(phantom.object).model;
+      const Model& model = model_of(phantom.object);
       if (out_of_view(box_corners(model, phantom.T_table_object))) continue;
       spheres.push_back(sphere_about(model, phantom.T_table_object));
     }
@@ -397,8 +430,7 @@ class Planner {
   // Returns the receivers that a caster may shadow.
   [[nodiscard]] std::vector<BoundingSphere> spheres_reached(
       const ShadowVolumeDraw& draw, const std::vector<BoundingSphere>& receivers) const {
-    const BoundingSphere caster =
-        sphere_about(*casting_model(object_at(draw.object), draw.proxy), draw.T_table_object);
+    const BoundingSphere caster = sphere_about(casting_model_of(draw), draw.T_table_object);
     std::vector<BoundingSphere> reached;
     for (const BoundingSphere& receiver : receivers) {
       if (may_shadow(draw.light_position, caster, receiver)) reached.push_back(receiver);
@@ -445,8 +477,7 @@ class Planner {
   }
 
   [[nodiscard]] BoxCorners casting_box(const LitCaster& caster) const {
-    return box_corners(*casting_model(object_at(caster.object), caster.proxy),
-                       caster.T_table_object);
+    return box_corners(casting_model_of(caster), caster.T_table_object);
   }
 
   // Returns true if a volume may be in view, or if it is for phantoms alone and thus reaches one.
@@ -536,8 +567,7 @@ class Planner {
 
   [[nodiscard]] Placement placement_of_model(int object) const {
     const Placement& placement = state_.objects[static_cast<std::size_t>(object)];
-    const std::shared_ptr<const Model>& model = object_at(object).model;
-    return model ? placed_model(*model, placement) : placement;
+    return object_at(object).model ? placed_model(model_of(object), placement) : placement;
   }
 
   [[nodiscard]] float opacity_of_object(int object) const {
@@ -562,6 +592,7 @@ class Planner {
   const SceneState& state_;
   const PlanOptions& options_;
   FramePlan& plan_;
+  std::vector<const Model*> posed_;  // by object: the shape of an animation, or null; may be empty
   std::map<int, std::set<int>> lights_on_;  // by plane: lights with hard shadows
   std::set<int> volume_lights_;             // all lights with volumes, in view or not
   std::map<int, std::vector<ReceiverBounds>> receiver_bounds_;  // by plane

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -36,6 +37,14 @@ struct ObjectDraw {
   int object = 0;  // index into Scene::objects
   Placement T_table_object;
   float opacity = 1.0F;  // at most the overlay's opacity
+  double pose_s = 0.0;   // see PosedModel
+};
+
+// The shape of an object with an animation in this frame. In all draws of an object, equal `pose_s`
+// mean equal shapes.
+struct PosedModel {
+  int object = 0;  // index into Scene::objects
+  std::shared_ptr<const Model> model;
 };
 
 // A shadow-receiving plane whose front faces the eye. It hides the planes behind it.
@@ -53,6 +62,7 @@ struct ShadowShape {
   bool proxy = true;  // a reduced mesh may cast, if the object allows it
   PlaneFrame plane_frame;
   Placement T_table_object;
+  double pose_s = 0.0;  // see PosedModel
   LayeredConstants constants;
   friend bool operator==(const ShadowShape&, const ShadowShape&) = default;
 };
@@ -93,6 +103,7 @@ struct LitCaster {
   Eigen::Vector4d light_position;  // see PlacedLight::place
   bool proxy = true;               // the author's reduced model casts, if there is one
   float opacity = 1.0F;            // caster's opacity
+  double pose_s = 0.0;             // see PosedModel
 };
 
 // One caster's projected shadow on one plane. opacity: minimum of the caster's and the plane's.
@@ -128,6 +139,7 @@ struct FramePlan {
   // False: reuses only kernels of earlier frames, and draws masks even where they have no effect.
   bool reuse = true;
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or coasting
+  std::vector<PosedModel> posed;     // objects with an animation
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // each once, for all nodes and techniques; in view or not

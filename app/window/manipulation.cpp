@@ -105,22 +105,22 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
   PENUMBRA_ASSERT(state.objects.size() == scene.objects.size());
   std::optional<PickedPoint> nearest;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    const SceneObject& object = scene.objects[i];
-    if (!object.model || opacity_of(state, static_cast<int>(i)) <= 0.0) continue;
-    const Placement T = placed_model(*object.model, state.objects[i]);
+    const auto index = static_cast<int>(i);
+    const std::shared_ptr<const Model> model = shape_of(scene, state, index);
+    if (!model || opacity_of(state, index) <= 0.0) continue;
+    const Placement T = placed_model(*model, state.objects[i]);
     // The ray in the object's frame. Its direction is scaled too, so that distances stay in metres.
     const Eigen::Quaterniond back = T.rotation.conjugate();
     const Ray local{back * (ray.origin - T.position) / T.scale, back * ray.direction / T.scale};
-    if (!intersects_box(local, to_double(object.model->min_corner),
-                        to_double(object.model->max_corner))) {
+    if (!intersects_box(local, to_double(model->min_corner), to_double(model->max_corner))) {
       continue;
     }
-    for (const Mesh& mesh : object.model->meshes) {
+    for (const Mesh& mesh : model->meshes) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3) {
         const auto t = distance_to_triangle(local, to_double(mesh.positions[mesh.indices[k]]),
                                             to_double(mesh.positions[mesh.indices[k + 1]]),
                                             to_double(mesh.positions[mesh.indices[k + 2]]));
-        if (t && (!nearest || *t < nearest->distance)) nearest = {static_cast<int>(i), *t};
+        if (t && (!nearest || *t < nearest->distance)) nearest = {index, *t};
       }
     }
   }
@@ -130,15 +130,17 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
 double lowest_point(const Scene& scene, const SceneState& state, int root) {
   double lowest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    const SceneObject& object = scene.objects[i];
-    if (!object.model || root_of(scene, static_cast<int>(i)) != root) continue;
-    const Eigen::Vector3d low = to_double(object.model->min_corner);
-    const Eigen::Vector3d high = to_double(object.model->max_corner);
+    const auto index = static_cast<int>(i);
+    if (root_of(scene, index) != root) continue;
+    const std::shared_ptr<const Model> model = shape_of(scene, state, index);
+    if (!model) continue;
+    const Eigen::Vector3d low = to_double(model->min_corner);
+    const Eigen::Vector3d high = to_double(model->max_corner);
     for (unsigned corner = 0; corner < 8; ++corner) {
       const Eigen::Vector3d p((corner & 1U) != 0U ? high.x() : low.x(),
                               (corner & 2U) != 0U ? high.y() : low.y(),
                               (corner & 4U) != 0U ? high.z() : low.z());
-      lowest = std::min(lowest, (placed_model(*object.model, state.objects[i]) * p).z());
+      lowest = std::min(lowest, (placed_model(*model, state.objects[i]) * p).z());
     }
   }
   return lowest;

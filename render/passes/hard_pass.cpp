@@ -25,15 +25,6 @@ Result<std::unique_ptr<HardPass>> HardPass::create(GlApi api, const CameraModel&
   return pass;
 }
 
-const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& draw) {
-  const Model* model =
-      casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
-  auto& entry = meshes_[model];
-  if (!entry)
-    entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model, {}, CutOuts::visible_regions));
-  return *entry;
-}
-
 void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow,
                     RenderWork& work) {
   shadow.made_for = draw;
@@ -62,15 +53,18 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
     Shadow& shadow = shadows_[key];
-    if (const auto& made = shadow.made_for; plan.reuse && made &&
-                                            made->plane_frame == draw.plane_frame &&
-                                            made->T_table_object == draw.T_table_object &&
-                                            made->light_position == draw.light_position) {
+    if (const auto& made = shadow.made_for;
+        plan.reuse && made && made->plane_frame == draw.plane_frame &&
+        made->T_table_object == draw.T_table_object && made->pose_s == draw.pose_s &&
+        made->light_position == draw.light_position) {
       ++work[Counter::reprojections];
       continue;
     }
     ++work[Counter::triples_recomputed];
-    make(draw, mesh_of(context.scene, draw), shadow, work);
+    const ShadowMesh& mesh = meshes_.of(
+        context.scene, draw.object, draw.proxy,
+        [](const Model& model) { return make_shadow_mesh(model, {}, CutOuts::visible_regions); });
+    make(draw, mesh, shadow, work);
   }
   return {};
 }

@@ -12,6 +12,7 @@
 
 #include "render/gl/buffer.hpp"
 #include "render/model/shadow_mesh.hpp"
+#include "render/passes/casting_models.hpp"
 #include "render/passes/draw_context.hpp"
 #include "render/passes/translucent_program.hpp"
 
@@ -44,7 +45,6 @@ class HardPass : public Pass {
     std::vector<const Shadow*> shadows;
   };
 
-  const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, RenderWork& work);
   [[nodiscard]] std::vector<BlockedLight> blocked_lights(const FramePlan& plan,
                                                          const PlaneReceiver& receiver) const;
@@ -54,7 +54,7 @@ class HardPass : public Pass {
   ShaderProgram shape_program_;
   TranslucentProgram light_program_;
   std::optional<double> longest_edge_;  // maximum edge [m]; nullopt: no lens distortion
-  std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
+  CastingModels<ShadowMesh> meshes_;
   std::map<Key, Shadow> shadows_;
 };
 

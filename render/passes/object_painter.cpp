@@ -116,6 +116,10 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
     std::shared_ptr<GpuModel>& gpu = painter.models_.emplace_back();
     if (!model) continue;
     const float edge = longest_model_edge(longest, scales[i]);
+    if (scene.objects[i].playback.model) {
+      gpu = upload(model, edge);
+      continue;
+    }
     auto& entry = uploaded[{model.get(), edge}];
     if (!entry) entry = upload(model, edge);
     gpu = entry;
@@ -127,6 +131,7 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
     const std::shared_ptr<const Model>& source_model, float max_edge) {
   auto gpu = std::make_shared<GpuModel>();
   gpu->source = source_model;
+  gpu->max_edge = max_edge;
   const Model& model = *source_model;
   for (const Material& material : model.materials) {
     gpu->materials.push_back({texture_of(*gpu, model, material.base_color_texture, true),
@@ -135,18 +140,38 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
                               texture_of(*gpu, model, material.occlusion_texture, false),
                               texture_of(*gpu, model, material.emissive_texture, true)});
   }
-  for (const Mesh& source : model.meshes) {
-    const Mesh mesh = subdivided(source, max_edge);
+  upload_meshes(*gpu, BufferLife::once);
+  return gpu;
+}
+
+void ObjectPainter::pose(std::span<const PosedModel> posed) {
+  for (const PosedModel& object : posed) {
+    GpuModel& gpu = *models_[static_cast<std::size_t>(object.object)];
+    if (gpu.source == object.model) continue;
+    // Hidden surfaces are not in the model, so its meshes may have changed.
+    if (!std::ranges::equal(gpu.meshes, object.model->meshes, {}, &GpuMesh::material,
+                            &Mesh::material))
+      gpu.meshes.clear();
+    gpu.source = object.model;
+    upload_meshes(gpu, BufferLife::every_frame);
+  }
+}
+
+void ObjectPainter::upload_meshes(GpuModel& gpu, BufferLife life) {
+  const Model& model = *gpu.source;
+  gpu.meshes.resize(model.meshes.size());
+  for (std::size_t m = 0; m < gpu.meshes.size(); ++m) {
+    const Mesh mesh = subdivided(model.meshes[m], gpu.max_edge);
     std::vector<Vertex> vertices(mesh.positions.size());
     for (std::size_t i = 0; i < vertices.size(); ++i) {
       vertices[i] = {mesh.positions[i], i < mesh.normals.size() ? mesh.normals[i] : glm::vec3(0.0F),
                      i < mesh.texcoords.size() ? mesh.texcoords[i] : glm::vec2(0.0F),
                      i < mesh.colors.size() ? mesh.colors[i] : glm::vec4(1.0F)};
     }
-    GpuMesh& out = gpu->meshes.emplace_back();
+    GpuMesh& out = gpu.meshes[m];
     out.material = mesh.material;
-    out.surface.write(vertices);
-    out.surface.write_indices(mesh.indices);
+    out.surface.write(vertices, life);
+    out.surface.write_indices(mesh.indices, life);
     const Material& material = material_of(model, mesh.material);
     if (material.needs_map_program()) {
       std::vector<MapVertex> maps(mesh.positions.size(), {glm::vec4(0.0F), glm::vec2(0.0F)});
@@ -154,11 +179,14 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
         if (i < mesh.tangents.size()) maps[i].tangent = mesh.tangents[i];
         if (i < mesh.texcoords_2.size()) maps[i].texcoord_2 = mesh.texcoords_2[i];
       }
-      out.map_vertices.emplace(BufferUse::vertices);
-      out.map_vertices->write(std::span<const MapVertex>(maps));
+      if (!out.map_vertices) out.map_vertices.emplace(BufferUse::vertices);
+      out.map_vertices->write(std::span<const MapVertex>(maps), life);
       VertexArray::attributes({4, 2}, 4);
     }
     if (material.alpha_mode != AlphaMode::blend) continue;
+    out.faces.clear();
+    out.middles.clear();
+    out.middle = glm::vec3(0.0F);
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
       out.faces.push_back({mesh.indices[i], mesh.indices[i + 1], mesh.indices[i + 2]});
       out.middles.push_back((mesh.positions[mesh.indices[i]] + mesh.positions[mesh.indices[i + 1]] +
@@ -168,7 +196,6 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
     }
     out.middle /= std::max(static_cast<float>(out.middles.size()), 1.0F);
   }
-  return gpu;
 }
 
 const Texture2d* ObjectPainter::texture_of(GpuModel& gpu, const Model& model,

@@ -47,6 +47,8 @@ class ObjectPainter {
   [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
                                                     const CameraModel& camera);
 
+  // Uploads the shapes of objects with an animation.
+  void pose(std::span<const PosedModel> posed);
   // Selects the programs of translucent surfaces and shadows.
   [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
 
@@ -91,6 +93,7 @@ class ObjectPainter {
   };
   struct GpuModel {
     std::shared_ptr<const Model> source;
+    float max_edge = 0.0F;  // see subdivided()
     std::vector<GpuMesh> meshes;
     std::vector<GpuMaterial> materials;
     // Key: image, whether it holds colours, sampling.
@@ -110,6 +113,8 @@ class ObjectPainter {
   };
   static std::shared_ptr<GpuModel> upload(const std::shared_ptr<const Model>& model,
                                           float max_edge);
+  // Uploads the meshes of gpu.source.
+  static void upload_meshes(GpuModel& gpu, BufferLife life);
   static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
                                      bool color);
   // Returns the program that draws a surface, or nullptr if none does.

@@ -72,12 +72,9 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
   std::vector<Batch> batches;
   std::set<int> lights;
   for (const LightRayDraw& draw : plan.rays) {
-    const Model* model =
-        casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
-    auto marked = marked_.find(model);
-    if (marked == marked_.end()) {
-      marked = marked_.emplace(model, marked_vertices(*model, kMaxVertices)).first;
-    }
+    const std::vector<MarkedVertex>& marked =
+        marked_.of(scene, draw.object, draw.proxy,
+                   [](const Model& model) { return marked_vertices(model, kMaxVertices); });
     std::vector<RayReceiver> planes;
     for (const LightRayDraw::Plane& plane : draw.planes) {
       planes.push_back({plane.frame, scene.planes[static_cast<std::size_t>(plane.index)].outline});
@@ -86,7 +83,7 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
       batches.push_back({draw.opacity, static_cast<int>(corners_.size()), 0});
     }
     for (const LightRay& ray :
-         light_rays(marked->second, draw.T_table_object, draw.light_position, planes)) {
+         light_rays(marked, draw.T_table_object, draw.light_position, planes)) {
       const glm::vec3 color = encoded(ray.color);
       add_ribbon(ray.from, ray.shadow, color);
       add_dot(ray.vertex, color);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "render/gl/buffer.hpp"
+#include "render/passes/casting_models.hpp"
 #include "render/passes/draw_context.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/shadow/projected/light_rays.hpp"
@@ -42,7 +43,7 @@ class RayPass : public Pass {
   TranslucentProgram program_;
   glm::vec2 half_width_{0.0F};  // half widths of ribbon and dot, divided by the depth
   int pieces_ = 1;              // pieces per ray, which follow the lens distortion
-  std::map<const Model*, std::vector<MarkedVertex>> marked_;
+  CastingModels<std::vector<MarkedVertex>> marked_;
   std::vector<Corner> corners_;
   GlMesh triangles_{3, 3, 2, 3};
 };

@@ -95,9 +95,10 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
   Surface& surface = surfaces_[{receiver.object, plane}];
   surface.last_used = frame_count_;
   if (surface.version == 0 || !(surface.T_table_object == receiver.T_table_object) ||
-      !(surface.plane == frame)) {
+      surface.pose_s != receiver.pose_s || !(surface.plane == frame)) {
     surface.version = ++surfaces_made_;
     surface.T_table_object = receiver.T_table_object;
+    surface.pose_s = receiver.pose_s;
     surface.plane = frame;
     surface.faces =
         ReceivingSurface(*scene.objects[static_cast<std::size_t>(receiver.object)].model,

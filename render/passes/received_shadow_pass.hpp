@@ -34,6 +34,7 @@ class ReceivedShadowPass : public Pass {
   // A receiver in the coordinates of a shadow plane.
   struct Surface {
     Placement T_table_object;
+    double pose_s = 0.0;  // see PosedModel
     PlaneFrame plane;
     ReceivingSurface faces;
     std::uint64_t version = 0;  // unique; 0: not computed

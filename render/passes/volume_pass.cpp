@@ -43,8 +43,8 @@ std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
 
 // Returns true if the two draws have the same volume.
 bool same_volume(const ShadowVolumeDraw& a, const ShadowVolumeDraw& b) {
-  return a.T_table_object == b.T_table_object && a.light_position == b.light_position &&
-         a.floors == b.floors && a.receivers == b.receivers;
+  return a.T_table_object == b.T_table_object && a.pose_s == b.pose_s &&
+         a.light_position == b.light_position && a.floors == b.floors && a.receivers == b.receivers;
 }
 
 }  // namespace
@@ -76,12 +76,11 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
       continue;
     }
     ++work[Counter::triples_recomputed];
-    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
-    const Model* model = casting_model(object, draw.proxy).get();
-    auto& caster = casters_[model];
-    if (!caster) caster = std::make_unique<VolumeCaster>(make_shadow_mesh(*model));
-    const ShadowVolume made = caster->volume(draw.T_table_object, draw.light_position, draw.floors,
-                                             kVolumeReach, draw.receivers);
+    const VolumeCaster& caster =
+        casters_.of(scene, draw.object, draw.proxy,
+                    [](const Model& model) { return VolumeCaster(make_shadow_mesh(model)); });
+    const ShadowVolume made = caster.volume(draw.T_table_object, draw.light_position, draw.floors,
+                                            kVolumeReach, draw.receivers);
     volume.made_for = draw;
     volume.light_inside = made.light_inside;
     volume.ends_above_floors = made.ends_above_floors;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "render/gl/buffer.hpp"
+#include "render/passes/casting_models.hpp"
 #include "render/passes/draw_context.hpp"
 #include "render/passes/translucent_program.hpp"
 
@@ -74,7 +75,7 @@ class VolumePass : public Pass {
   Translucency mode_ = Translucency::blend;
   std::optional<double> longest_edge_;  // maximum edge [m]; nullopt: no lens distortion
   VertexArray no_vertices_;
-  std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;
+  CastingModels<VolumeCaster> casters_;
   std::map<std::pair<int, int>, Volume> volumes_;  // by object and light
 };
 

@@ -141,6 +141,9 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
     }
     state.objects.push_back(placement);
     state.opacities.push_back(opacity);
+    if (!object.playback.model) continue;
+    state.poses.resize(scene.objects.size(), 0.0);
+    state.poses[state.objects.size() - 1] = object.playback.time_at(time_s);
   }
   state.planes.reserve(scene.planes.size());
   for (const ScenePlane& plane : scene.planes) {
@@ -175,6 +178,25 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
     state.lights.push_back(placed);
   }
   return state;
+}
+
+double Playback::time_at(double scene_time_s) const {
+  const double time_s = start_s + speed * scene_time_s;
+  const double end_s = model->end_s();
+  if (!loop || !(end_s > 0.0)) return std::clamp(time_s, 0.0, end_s);
+  const double since_start_s = std::fmod(time_s, end_s);
+  return since_start_s < 0.0 ? since_start_s + end_s : since_start_s;
+}
+
+double pose_of(const SceneState& state, int object) {
+  const auto index = static_cast<std::size_t>(object);
+  return index < state.poses.size() ? state.poses[index] : 0.0;
+}
+
+std::shared_ptr<const Model> shape_of(const Scene& scene, const SceneState& state, int object) {
+  const SceneObject& shown = scene.objects[static_cast<std::size_t>(object)];
+  if (!shown.playback.model) return shown.model;
+  return shown.playback.model->at(pose_of(state, object)).value_or(shown.model);
 }
 
 Placement placed_model(const Model& model, const Placement& T_world_object) {
@@ -253,8 +275,9 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
   for (const double time : times) {
     const SceneState state = evaluate_scene(scene, time);
     for (std::size_t i = 0; i < heights.size(); ++i) {
-      if (!scene.objects[i].model) continue;
-      const Model& model = *scene.objects[i].model;
+      const SceneObject& object = scene.objects[i];
+      if (!object.model) continue;
+      const Model& model = object.playback.model ? object.playback.model->box() : *object.model;
       heights[i] =
           std::max(heights[i], height(model, placed_model(model, state.objects[i]), heights[i]));
     }

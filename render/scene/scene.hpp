@@ -14,6 +14,7 @@
 #include "core/error.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/transform.hpp"
+#include "render/model/animated_model.hpp"
 #include "render/model/model.hpp"
 #include "render/scene/layered_constants.hpp"
 #include "render/scene/light_meter.hpp"
@@ -59,16 +60,28 @@ struct Animation {
   double spin_turns_per_s = 0.0;
 };
 
+// How an object plays an animation of its model.
+struct Playback {
+  std::shared_ptr<const AnimatedModel> model;  // null: the object is rigid
+  double speed = 1.0;                          // seconds of the animation per second
+  double start_s = 0.0;                        // time of the animation at the scene's time 0
+  bool loop = true;                            // repeats from 0 to the time of the last key
+
+  // Returns the time of the animation at a time of the scene.
+  [[nodiscard]] double time_at(double scene_time_s) const;
+};
+
 struct SceneObject {
   std::string name;
-  std::shared_ptr<const Model> model;
-  std::string model_file;  // resolved path, for messages and caches
-  int parent = -1;         // index of an earlier object, or -1: the table
+  std::shared_ptr<const Model> model;  // with `playback`: its shape at the scene's time 0
+  std::string model_file;              // resolved path, for messages and caches
+  int parent = -1;                     // index of an earlier object, or -1: the table
   // Group of tags that an object without a parent moves with. `placement` applies when the group is
   // at its pose in the tag map.
   std::string tag_group = std::string(kTableGroup);
   Placement placement;  // relative to the parent; T_parent_object = placement * animation
   Animation animation;
+  Playback playback;
   bool casts_shadow = true;
   // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
   std::vector<std::string> groups;
@@ -182,6 +195,7 @@ struct SceneState {
   double time_s = 0.0;
   std::vector<Placement> objects;   // one per Scene::objects
   std::vector<double> opacities;    // one per object, see PlacedPlane::opacity; empty: all 1
+  std::vector<double> poses;        // one per object: Playback::time_at(); empty: all are rigid
   std::vector<PlacedPlane> planes;  // one per Scene::planes; empty: as in the scene
   std::vector<PlacedLight> lights;  // one per Scene::lights
   // The light that the scene's lights are scaled to; nullopt: not scaled.
@@ -194,6 +208,12 @@ struct SceneState {
 
 [[nodiscard]] PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane);
 [[nodiscard]] double opacity_of(const SceneState& state, int object);
+// Returns the time of an object's animation; 0 if it is rigid.
+[[nodiscard]] double pose_of(const SceneState& state, int object);
+// Returns the shape of an object at this time; null for an object without a model. If the animation
+// has no shape at this time (AnimatedModel::at() fails), returns SceneObject::model.
+[[nodiscard]] std::shared_ptr<const Model> shape_of(const Scene& scene, const SceneState& state,
+                                                    int object);
 
 // Returns the tag groups, except the table, of objects and of planes of shadow nodes; sorted.
 [[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);

@@ -216,6 +216,18 @@ Result<LayeredConstants> read_layered(const Entry& from) {
   return constants;
 }
 
+UpAxis up_axis_of(const json& object) {
+  if (!object.contains("up")) return UpAxis::by_format;
+  return object.at("up") == "y" ? UpAxis::y : UpAxis::z;
+}
+
+// Returns the entry with the name or index of an animation of the object's model.
+std::optional<Entry> model_animation_of(const Entry& object) {
+  const auto animation = object.find("animation");
+  if (!animation || !animation->value.is_object()) return animation;
+  return animation->find("model");
+}
+
 class SceneReader {
  public:
   explicit SceneReader(const std::filesystem::path& file) : file_(file), name_(file.string()) {}
@@ -227,8 +239,15 @@ class SceneReader {
   [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const Entry& from,
                                                                 std::string& model_file);
   // `file`: the entry with the model's file name.
+  [[nodiscard]] std::filesystem::path path_of(const Entry& file) const {
+    return (file_.parent_path() / file.text()).lexically_normal();
+  }
   [[nodiscard]] Result<std::shared_ptr<const Model>> load(const Entry& file, const json& object,
                                                           std::string& model_file);
+  // Reads an animation of the model's file and the object's shape at time 0. `animation`: its name
+  // or index.
+  [[nodiscard]] Result<void> read_playback(const Entry& from, const Entry& animation,
+                                           SceneObject& object);
   [[nodiscard]] Result<void> read_casting(const Entry& from, SceneObject& object);
   [[nodiscard]] Result<Animation> read_animation(const Entry& from);
   [[nodiscard]] Result<void> read_plane(const Entry& from);
@@ -252,6 +271,7 @@ class SceneReader {
   std::string name_;
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
+  std::map<std::string, std::shared_ptr<const AnimatedModel>> animated_models_;
   std::set<std::string> odd_sizes_;          // files of models with a size warning
   std::set<std::string> far_models_;         // files of models with a distance warning
   std::vector<std::size_t> unwalled_nodes_;  // shadow nodes to get default walls
@@ -271,10 +291,9 @@ Result<std::shared_ptr<const Model>> SceneReader::read_model(const Entry& from,
 
 Result<std::shared_ptr<const Model>> SceneReader::load(const Entry& file, const json& object,
                                                        std::string& model_file) {
-  const std::filesystem::path path = (file_.parent_path() / file.text()).lexically_normal();
+  const std::filesystem::path path = path_of(file);
   model_file = path.string();
-  UpAxis up = UpAxis::by_format;
-  if (object.contains("up")) up = object.at("up") == "y" ? UpAxis::y : UpAxis::z;
+  const UpAxis up = up_axis_of(object);
   const std::string key = fmt::format("{} {}", static_cast<int>(up), model_file);
   std::shared_ptr<const Model>& known = models_[key];
   if (known == nullptr) {
@@ -284,6 +303,36 @@ Result<std::shared_ptr<const Model>> SceneReader::load(const Entry& file, const 
     scene_.warnings.insert(scene_.warnings.end(), known->warnings.begin(), known->warnings.end());
   }
   return known;
+}
+
+Result<void> SceneReader::read_playback(const Entry& from, const Entry& animation,
+                                        SceneObject& object) {
+  const auto file = from.find("model");
+  if (!file) return animation.fault("is for animations of a model; a shape has none");
+  const std::filesystem::path path = path_of(*file);
+  object.model_file = path.string();
+  const UpAxis up = up_axis_of(from.value);
+  const std::string chosen =
+      animation.value.is_string() ? animation.text() : animation.value.dump();
+  const std::string key = fmt::format("{} {} {}", static_cast<int>(up), chosen, object.model_file);
+  std::shared_ptr<const AnimatedModel>& known = animated_models_[key];
+  const bool is_new = known == nullptr;
+  if (is_new) {
+    auto model = AnimatedModel::load(path, chosen, {.up = up});
+    if (!model) return fail_in(animation.place, model.error());
+    known = std::move(*model);
+  }
+  Playback& playback = object.playback;
+  playback.model = known;
+  playback.speed = from.value.value("speed", playback.speed);
+  playback.start_s = from.value.value("start", playback.start_s);
+  playback.loop = from.value.value("loop", playback.loop);
+  auto shape = known->at(playback.time_at(0.0));
+  if (!shape) return fail_in(animation.place, shape.error());
+  object.model = std::move(*shape);
+  const std::vector<std::string>& warnings = object.model->warnings;
+  if (is_new) scene_.warnings.insert(scene_.warnings.end(), warnings.begin(), warnings.end());
+  return {};
 }
 
 // Reads the groups of parts that share a light, and the proxy model.
@@ -305,6 +354,9 @@ Result<void> SceneReader::read_casting(const Entry& from, SceneObject& object) {
   }
   const auto proxy = from.find("proxy");
   if (!proxy || proxy->text() == "none" || proxy->text() == "auto") return {};
+  if (object.playback.model) {
+    return proxy->fault("does not follow the animation of the model; remove one of them");
+  }
   std::string ignored;
   PENUMBRA_TRY(object.proxy_model, load(*proxy, from.value, ignored));
   // Model and proxy share one placement.
@@ -407,7 +459,15 @@ Result<void> SceneReader::read_object(const Entry& from, bool phantom) {
     if (object.parent >= 0) return group->fault("the parent says what it moves with; remove it");
     object.tag_group = group->text();
   }
-  PENUMBRA_TRY(object.model, read_model(from, object.model_file));
+  if (const auto animation = model_animation_of(from)) {
+    PENUMBRA_TRY_VOID(read_playback(from, *animation, object));
+  } else {
+    for (const char* key : {"speed", "loop", "start"}) {
+      if (!from.value.contains(key)) continue;
+      return from[key].fault("is for an animation of the model; give its name as \"animation\"");
+    }
+    PENUMBRA_TRY(object.model, read_model(from, object.model_file));
+  }
   PENUMBRA_TRY_VOID(read_casting(from, object));
   object.placement = placement_of(from.value);
   warn_of_size(object);
@@ -424,7 +484,7 @@ Result<void> SceneReader::read_object(const Entry& from, bool phantom) {
       return cursor.fault("the scene has another 3D cursor already; keep one");
     }
   }
-  if (const auto animation = from.find("animation")) {
+  if (const auto animation = from.find("animation"); animation && animation->value.is_object()) {
     PENUMBRA_TRY(object.animation, read_animation(*animation));
   }
   warn_of_distance(object);
@@ -474,6 +534,11 @@ Result<void> SceneReader::read_light(const Entry& from) {
     }
   }
   const auto animation = from.find("animation");
+  if (animation && (!animation->value.is_object() || animation->value.contains("model"))) {
+    return animation->fault(
+        "names an animation of a model, which a light has not; give keyframes "
+        "or a spin");
+  }
   if (kind == "sun" && animation) {
     return animation->fault(
         "the sun's direction comes from its time; give hours_per_s in place of an animation");

@@ -90,6 +90,7 @@ bool has_type(const json& value, const std::string& type) {
   if (type == "array") return value.is_array();
   if (type == "string") return value.is_string();
   if (type == "boolean") return value.is_boolean();
+  if (type == "integer") return value.is_number_integer();
   return value.is_number();
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <thread>
 
 #include "app/recording/video_reader.hpp"
@@ -13,6 +14,7 @@
 #include "core/geometry/trajectory.hpp"
 #include "core/image/image_file.hpp"
 #include "replay/replay_support.hpp"
+#include "support/animated_gltf.hpp"
 #include "support/recording_folder.hpp"
 
 namespace penumbra {
@@ -83,6 +85,29 @@ TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   ASSERT_GT(both.poses.size(), 0U);
   const Evaluation difference = evaluate(*camera, *a, both);
   EXPECT_LT(difference.overlay_px.max, 0.2);
+}
+
+TEST(LiveCommand, ShowsAnimatedModelsAsReplayOfRecording) {
+  const test::TemporaryFolder folder;
+  const auto path = [&](const char* name) { return (folder.path() / name).string(); };
+  std::ofstream(path("square.glb"), std::ios::binary) << test::moving_square().glb();
+  std::ofstream(path("scene.json"))
+      << R"({"objects": [{"name": "square", "model": "square.glb", "animation": "all"}],)"
+         R"( "shadows": [{"name": "shadow", "technique": "layered"}]})";
+  const auto shown = penumbra(live({"--duration", "0.8", "--record", path("session"), "--scene",
+                                    path("scene.json"), "--output", path("shown")}));
+  ASSERT_EQ(shown.exit_code, 0) << shown.err;
+  const auto replayed =
+      penumbra({"replay", path("session"), "--scene", path("scene.json"), "--poses-from",
+                path("session") + "/poses.tum", "--no-window", "--output", path("replayed")});
+  ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
+  const auto images = test::contents_of(folder.path() / "shown");
+  const auto again = test::contents_of(folder.path() / "replayed");
+  EXPECT_GT(images.size(), 1U);
+  for (const auto& [name, bytes] : images) {
+    ASSERT_TRUE(again.contains(name)) << name;
+    EXPECT_TRUE(bytes == again.at(name)) << name;
+  }
 }
 
 // Some images are truncated but have both start and end marker. The recording keeps them.

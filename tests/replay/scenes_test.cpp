@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <string>
 #include <vector>
 
 #include "replay/replay_support.hpp"
+#include "support/animated_gltf.hpp"
 #include "support/recording_folder.hpp"
 #include "support/techniques.hpp"
 #include "support/test_form.hpp"
@@ -119,6 +121,44 @@ TEST_P(ReplayedSession, WritesSameFramesWithNoSkip) {
   const nlohmann::json& skipped = reports["no-skip"].at("skipped");
   EXPECT_EQ(work.at("passes_skipped"), skipped.value("group_not_seen", 0));
   EXPECT_EQ(skipped.size(), skipped.count("group_not_seen")) << skipped;
+}
+
+// Writes a scene with an animated square over a block, and a model of it at rest.
+std::filesystem::path write_animated_scene(const std::filesystem::path& folder) {
+  std::ofstream(folder / "square.glb", std::ios::binary) << moving_square().glb();
+  const nlohmann::json scene = {
+      {"objects",
+       {{{"name", "moving"}, {"model", "square.glb"}, {"animation", 0}, {"start", 0.4}},
+        {{"name", "rest"}, {"model", "square.glb"}, {"position", {-0.12, 0, 0.03}}},
+        {{"name", "block"},
+         {"shape", {{"kind", "box"}, {"size", {0.06, 0.06, 0.02}}}},
+         {"position", {0.06, -0.04, 0.01}}}}},
+      {"lights", {{{"name", "lamp"}, {"kind", "point"}, {"position", {-0.3, 0.1, 0.7}}}}},
+      {"shadows", {{{"name", "shadow"}, {"technique", "layered"}}}}};
+  std::ofstream(folder / "scene.json") << scene;
+  return folder / "scene.json";
+}
+
+class AnimatedModels : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Techniques, AnimatedModels,
+                         testing::ValuesIn(shadow_words_without({ShadowTechnique::none})),
+                         [](const auto& instance) { return instance.param; });
+
+TEST_P(AnimatedModels, WriteSameFramesWithNoSkip) {
+  const TemporaryFolder folder;
+  const std::string scene = write_animated_scene(folder.path()).string();
+  const auto frames_with = [&](const std::string& output, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {
+        "replay", bundled("tabletop"), "--scene",  scene,      "--frames",
+        "30:36",  "--shadow",          GetParam(), "--output", (folder.path() / output).string()};
+    words.insert(words.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(words);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return contents_of(folder.path() / output);
+  };
+  const auto frames = frames_with("skip", {});
+  EXPECT_EQ(frames.size(), 6U);
+  EXPECT_EQ(frames, frames_with("no-skip", {"--no-skip"}));
 }
 
 // A tree of 26,000 faces under a moving sun and a fixed lantern. Only the sun's shadow may be

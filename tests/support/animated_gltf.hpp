@@ -38,4 +38,17 @@ void animate(GltfBuilder& file, std::size_t node, const std::string& path,
               form);
 }
 
+// A square of 0.1 m that rises from 0.02 m to 0.2 m, stretches and turns over within two seconds.
+inline GltfBuilder moving_square() {
+  GltfBuilder file;
+  file.node({{"mesh", file.square(0.1F)}});
+  file.json["materials"] = {{{"doubleSided", true}}};
+  file.primitive()["material"] = 0;
+  animate(file, 0, "translation", {0, 2}, std::vector<float>{0, 0.02F, 0, 0, 0.2F, 0});
+  animate(file, 0, "scale", {0, 2}, std::vector<float>{1, 1, 1, 1.5F, 1, 0.5F});
+  animate(file, 0, "rotation", {0, 1, 2},
+          std::vector<float>{0, 0, 0, 1, 0.6F, 0, 0, 0.8F, 1, 0, 0, 0});
+  return file;
+}
+
 }  // namespace penumbra::test

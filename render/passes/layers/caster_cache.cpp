@@ -65,6 +65,14 @@ std::set<double> sample_times(const Scene& scene) {
   return times;
 }
 
+// Returns true if a shape of the object may have cut-outs.
+bool may_have_cut_outs(const SceneObject& object) {
+  if (!object.playback.model) return has_cut_outs(*object.model);
+  return std::ranges::any_of(object.model->materials, [](const Material& material) {
+    return material.alpha_mode != AlphaMode::opaque;
+  });
+}
+
 // Returns the tag group of the object's root.
 const std::string& tag_group_of(const Scene& scene, int object) {
   const SceneObject* at = &scene.objects[static_cast<std::size_t>(object)];
@@ -185,7 +193,7 @@ std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& c
 CasterCache::CasterCache(const Scene& scene, const CameraModel& camera)
     : edges_(longest_caster_edges(scene, camera)), steady_(steady_casters(scene)) {
   for (const SceneObject& object : scene.objects) {
-    cut_outs_.push_back(object.model && has_cut_outs(*object.model));
+    cut_outs_.push_back(object.model && may_have_cut_outs(object));
   }
 }
 
@@ -196,10 +204,14 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   const CutOuts cut_outs = cut_outs_[index] && !traits_of(draw.technique).ignores_cut_outs
                                ? CutOuts::visible_regions
                                : CutOuts::whole_faces;
-  auto& entry =
-      casters_[{object.model.get(), edge, object.proxy_model.get(), object.groups, cut_outs}];
-  if (entry) return *entry;
-  entry = std::make_unique<CachedCaster>();
+  const bool rigid = object.playback.model == nullptr;
+  auto& entry = casters_[{rigid ? object.model.get() : nullptr, edge, object.proxy_model.get(),
+                          object.groups, cut_outs, rigid ? -1 : draw.object}];
+  if (!entry) entry = std::make_unique<CachedCaster>();
+  if (entry->model == object.model) return *entry;
+  // Keeps the address, which other frames compare.
+  *entry = CachedCaster();
+  entry->model = object.model;
   entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
   entry->stored_source = stored_kernel_source(*object.model);
   set_geometry(entry->whole, entry->mesh, edge);

@@ -89,6 +89,7 @@ struct CachedCaster {
     friend auto operator<=>(const ProxyKey&, const ProxyKey&) = default;
   };
 
+  std::shared_ptr<const Model> model;  // what the caster was made from
   ShadowMesh mesh;
   // Source of the kernels in the model's file, also used for other tilts.
   KernelSource stored_source = KernelSource::automatic;
@@ -150,8 +151,9 @@ class CasterCache {
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
 
  private:
-  // Model, longest edge, proxy model, groups and cut-outs.
-  using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts>;
+  // Model, longest edge, proxy model, groups and cut-outs. The last one is an object with an
+  // animation, whose model changes and is null in the key; -1: a rigid model, which objects share.
+  using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts, int>;
 
   KernelSet& kernels_of(CachedCaster& caster, const KernelKey& key, RenderWork& work);
   bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,

@@ -18,6 +18,7 @@ MaskPart MaskPart::of(const ShadowDraw& draw, CachedCaster& caster, const Prepar
                       const glm::vec3& light) {
   MaskPart part;
   part.caster = &caster;
+  part.pose_s = prepared.key.pose_s;
   part.kernels = prepared.key.kernels;
   part.reduced = prepared.key.reduced;
   part.own = prepared.own;

@@ -9,6 +9,7 @@ namespace penumbra {
 // All inputs that determine the cells covered by a part.
 struct MaskShape {
   CachedCaster* caster = nullptr;
+  double pose_s = 0.0;  // see PosedModel
   KernelKey kernels;
   bool reduced = false;
   OwnFrame own;

@@ -204,6 +204,7 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
   const ShadowKey key{draw.technique,
                       draw.light_mode,
                       traits_of(draw.technique).has_penumbra ? draw.constants : LayeredConstants(),
+                      draw.pose_s,
                       field ? std::array<bool, 3>() : wanted,
                       reduced,
                       masked,

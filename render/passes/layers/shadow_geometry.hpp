@@ -46,6 +46,7 @@ struct ShadowKey {
   ShadowTechnique technique = ShadowTechnique::layered;
   LightMode light_mode = LightMode::proportional;
   LayeredConstants constants;    // default for simple shadows
+  double pose_s = 0.0;           // see PosedModel
   std::array<bool, 3> layers{};  // wanted layers; none for fields, which compute all
   bool reduced = false;          // the proxy casts
   bool masked = false;           // in the plane's mask

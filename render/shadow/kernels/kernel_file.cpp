@@ -175,7 +175,7 @@ Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
   std::vector<std::shared_ptr<const Model>> casters;  // each model once
   std::string counts;
   for (const SceneObject& object : scene.objects) {
-    if (!object.model || !object.casts_shadow) continue;
+    if (!object.model || !object.casts_shadow || object.playback.model) continue;
     if (std::find(casters.begin(), casters.end(), object.model) != casters.end()) continue;
     casters.push_back(object.model);
     if (casters.size() <= 12) {

@@ -142,8 +142,8 @@ TEST_F(SceneFile, RejectsDuplicateKey) {
 // find_violation() implements the schema's keywords itself, so the schema must not use other
 // keywords.
 void expect_known_keywords(const nlohmann::json& schema, const std::string& pointer) {
-  static const std::set<std::string_view> kTypes = {"object", "array", "string", "boolean",
-                                                    "number"};
+  static const std::set<std::string_view> kTypes = {"object",  "array",  "string",
+                                                    "boolean", "number", "integer"};
   static const std::set<std::string_view> kDescribing = {"$schema", "title", "description",
                                                          "expected", "definitions"};
   // The keywords that find_violation() in scene_json.cpp checks.
@@ -180,8 +180,10 @@ void expect_known_keywords(const nlohmann::json& schema, const std::string& poin
   }
   if (!schema.contains("$ref")) {
     EXPECT_TRUE(schema.contains("expected")) << pointer << ": the message's remedy";
-    EXPECT_EQ(schema.value("type", nlohmann::json()) == "object", schema.contains("properties"))
-        << pointer;
+    const nlohmann::json type = schema.value("type", nlohmann::json());
+    const bool is_object =
+        type.is_array() ? std::ranges::find(type, "object") != type.end() : type == "object";
+    EXPECT_EQ(is_object, schema.contains("properties")) << pointer;
   }
 }
 
