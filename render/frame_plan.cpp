@@ -82,7 +82,7 @@ class Planner {
   void plan_objects() {
     for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
       const SceneObject& object = scene_.objects[i];
-      if (!object.model) continue;  // a node of the hierarchy without a model
+      if (!object.model || object.removed) continue;  // without a model: a node of the hierarchy
       const auto index = static_cast<int>(i);
       const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index),
                             pose_of(state_, index)};

@@ -139,6 +139,7 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
       placement = group.T_table_group * placement;
       opacity = group.opacity;
     }
+    if (object.removed) opacity = 0.0;
     state.objects.push_back(placement);
     state.opacities.push_back(opacity);
     if (!object.playback.model) continue;
@@ -350,11 +351,44 @@ void add_default_walls(Scene& scene, ShadowNode& node) {
     wall.point = {x, y, floor};
     wall.outline = {
         {-half_width, 0.0}, {half_width, 0.0}, {half_width, height}, {-half_width, height}};
+    const auto earlier = std::ranges::find(scene.planes, wall.name, &ScenePlane::name);
+    if (node.default_walls && earlier != scene.planes.end()) {
+      *earlier = std::move(wall);
+      return;
+    }
     node.walls.push_back(static_cast<int>(scene.planes.size()));
     scene.planes.push_back(std::move(wall));
   };
   add_wall("back", -Eigen::Vector3d::UnitY(), 0.5 * (left + right), back, 0.5 * (right - left));
   add_wall("left", Eigen::Vector3d::UnitX(), left, 0.5 * (front + back), 0.5 * (back - front));
+}
+
+void add_object(Scene& scene, SceneObject object) {
+  const auto index = static_cast<int>(scene.objects.size());
+  object.added = true;
+  const bool casts = object.casts_shadow;
+  scene.objects.push_back(std::move(object));
+  if (!casts) return;
+  std::set<int> covered;  // planes that show the object's shadow
+  for (const bool layered : {true, false}) {
+    for (ShadowNode& node : scene.shadows) {
+      if ((node.technique == ShadowTechnique::layered) != layered) continue;
+      const auto is_covered = [&covered](int plane) { return covered.contains(plane); };
+      if (std::ranges::any_of(node.planes, is_covered)) continue;
+      covered.insert(node.planes.begin(), node.planes.end());
+      node.casters.push_back(index);
+      if (node.default_walls) add_default_walls(scene, node);
+    }
+  }
+}
+
+std::string free_object_name(const Scene& scene, const std::string& wanted) {
+  std::string name = wanted;
+  for (int i = 2; std::ranges::find(scene.objects, name, &SceneObject::name) != scene.objects.end();
+       ++i) {
+    name = wanted + " " + std::to_string(i);
+  }
+  return name;
 }
 
 }  // namespace penumbra

@@ -87,7 +87,9 @@ struct SceneObject {
   std::vector<std::string> groups;
   std::shared_ptr<const Model> proxy_model;  // the author's reduced model for casting; may be null
   bool phantom = false;                      // represents a real object: writes depth only
-  bool cursor = false;  // the 3D cursor: at most one object, moves on the table
+  bool cursor = false;   // the 3D cursor: at most one object, moves on the table
+  bool added = false;    // by add_object(); not in the scene's file
+  bool removed = false;  // an added object that is neither drawn nor casts
 };
 
 // Returns the model that casts an object's projected and volume shadows: its proxy if `proxies` and
@@ -147,10 +149,11 @@ struct ShadowStyle {
 // Casters x planes x lights with one technique.
 struct ShadowNode : ShadowStyle {
   std::string name;
-  std::vector<int> casters;  // indices into Scene::objects
-  std::vector<int> planes;   // indices into Scene::planes
-  std::vector<int> walls;    // additional planes for the technique `walls`
-  std::vector<int> lights;   // indices into Scene::lights; empty: the first light
+  std::vector<int> casters;    // indices into Scene::objects
+  std::vector<int> planes;     // indices into Scene::planes
+  std::vector<int> walls;      // additional planes for the technique `walls`
+  bool default_walls = false;  // `walls` are left to add_default_walls()
+  std::vector<int> lights;     // indices into Scene::lights; empty: the first light
   LightMode light_mode = LightMode::proportional;  // layered shadows; cocl: never `fixed`
 };
 
@@ -163,7 +166,8 @@ struct LayeredAdvice {
 struct Scene {
   std::string name;
   std::string file;
-  std::vector<SceneObject> objects;  // parents precede their children
+  std::shared_ptr<const std::string> json;  // content of the file; null if there is none
+  std::vector<SceneObject> objects;         // parents precede their children
   std::vector<ScenePlane> planes;
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
@@ -237,8 +241,14 @@ struct SceneState {
 // Adds virtual walls for the technique `walls` (multiple orthographic shadows): two vertical planes
 // on the node's first plane, at the far sides of the box that its casters occupy over all times.
 // They face a viewer at the front right (x > 0, y < 0). Adds none if there are no casters or a
-// plane of the node is not horizontal.
+// plane of the node is not horizontal. A second call moves the walls to the present casters.
 void add_default_walls(Scene& scene, ShadowNode& node);
+
+// Adds an object, which becomes a caster: on each plane of one shadow node, preferably a layered
+// one, so that it casts one shadow. Moves default walls.
+void add_object(Scene& scene, SceneObject object);
+// Returns `wanted`, or "wanted 2", "wanted 3", ... if an object has that name.
+[[nodiscard]] std::string free_object_name(const Scene& scene, const std::string& wanted);
 
 // Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its
 // models, whose paths are relative to the scene's file. Errors contain the file and the JSON

@@ -272,9 +272,8 @@ class SceneReader {
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
   std::map<std::string, std::shared_ptr<const AnimatedModel>> animated_models_;
-  std::set<std::string> odd_sizes_;          // files of models with a size warning
-  std::set<std::string> far_models_;         // files of models with a distance warning
-  std::vector<std::size_t> unwalled_nodes_;  // shadow nodes to get default walls
+  std::set<std::string> odd_sizes_;   // files of models with a size warning
+  std::set<std::string> far_models_;  // files of models with a distance warning
 };
 
 Result<std::shared_ptr<const Model>> SceneReader::read_model(const Entry& from,
@@ -694,7 +693,7 @@ Result<void> SceneReader::read_shadow(const Entry& from) {
     PENUMBRA_TRY(node.walls, indices_of(*names, scene_.planes, "plane"));
     for (const int plane : node.planes) std::erase(node.walls, plane);
   } else {
-    unwalled_nodes_.push_back(scene_.shadows.size());
+    node.default_walls = true;
   }
   if (const auto names = from.find("lights")) {
     PENUMBRA_TRY(node.lights, indices_of(*names, scene_.lights, "light"));
@@ -750,17 +749,21 @@ Result<Scene> SceneReader::read(const json& root) {
                     name_));
   }
   warn_of_lights();
-  for (const std::size_t node : unwalled_nodes_) add_default_walls(scene_, scene_.shadows[node]);
+  for (ShadowNode& node : scene_.shadows) {
+    if (node.default_walls) add_default_walls(scene_, node);
+  }
   return std::move(scene_);
 }
 
 }  // namespace
 
 Result<Scene> load_scene(const std::filesystem::path& file) {
-  PENUMBRA_TRY(const json root, read_scene_json(file));
+  std::string content;
+  PENUMBRA_TRY(const json root, read_scene_json(file, &content));
   try {
     Result<Scene> scene = SceneReader(file).read(root);
     if (!scene) return fail_in(file.string(), scene.error());
+    scene->json = std::make_shared<const std::string>(std::move(content));
     return scene;
   } catch (const std::exception& error) {
     return fail("{}: can't be read: {}", file.string(), error.what());

@@ -186,24 +186,6 @@ std::string without_tag(std::string_view text) {
   return std::string(text.substr(tag == std::string_view::npos ? 0 : tag + 2)).substr(0, 200);
 }
 
-Result<void> check_schema(const std::string& name, const json& root) {
-  const json schema_document = json::parse(scene_schema());
-  valijson::Schema schema;
-  valijson::SchemaParser().populateSchema(valijson::adapters::NlohmannJsonAdapter(schema_document),
-                                          schema);
-  valijson::Validator validator;
-  valijson::ValidationResults results;
-  if (validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(root), &results)) {
-    return {};
-  }
-  if (const auto found = find_violation(schema_document, schema_document, root, "")) {
-    return fail("{}: {}: {}", name, found->pointer.empty() ? "/" : found->pointer, found->cause);
-  }
-  valijson::ValidationResults::Error error;
-  results.popError(error);
-  return fail("{}: breaks the schema of scenes: {}", name, error.description);
-}
-
 }  // namespace
 
 std::string shortened(const std::string& text) {
@@ -229,7 +211,25 @@ std::string suggestion(std::string_view word, const std::vector<std::string>& kn
   return fmt::format("known are {}", fmt::join(shown, ", "));
 }
 
-Result<json> read_scene_json(const std::filesystem::path& file) {
+Result<void> check_scene_json(const std::string& name, const json& root) {
+  const json schema_document = json::parse(scene_schema());
+  valijson::Schema schema;
+  valijson::SchemaParser().populateSchema(valijson::adapters::NlohmannJsonAdapter(schema_document),
+                                          schema);
+  valijson::Validator validator;
+  valijson::ValidationResults results;
+  if (validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(root), &results)) {
+    return {};
+  }
+  if (const auto found = find_violation(schema_document, schema_document, root, "")) {
+    return fail("{}: {}: {}", name, found->pointer.empty() ? "/" : found->pointer, found->cause);
+  }
+  valijson::ValidationResults::Error error;
+  results.popError(error);
+  return fail("{}: breaks the schema of scenes: {}", name, error.description);
+}
+
+Result<json> read_scene_json(const std::filesystem::path& file, std::string* content) {
   const std::string name = file.string();
   PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, kMaxSceneBytes));
   PENUMBRA_TRY(
@@ -244,7 +244,8 @@ Result<json> read_scene_json(const std::filesystem::path& file) {
     if (duplicates.first()) {
       return fail("{}: {}: is given twice; remove one of them", name, *duplicates.first());
     }
-    PENUMBRA_TRY_VOID(check_schema(name, root));
+    PENUMBRA_TRY_VOID(check_scene_json(name, root));
+    if (content != nullptr) *content = text;
     return root;
   } catch (const json::exception& error) {
     return fail("{}: is not JSON: {}; check commas and brackets there", name,

@@ -15,8 +15,11 @@ namespace penumbra {
 [[nodiscard]] std::string_view scene_schema();
 
 // Fails if the file can't be read, is not JSON, has a duplicate key or violates the schema; the
-// message contains the JSON pointer and the remedy.
-[[nodiscard]] Result<nlohmann::json> read_scene_json(const std::filesystem::path& file);
+// message contains the JSON pointer and the remedy. `content`, if not null, receives the text.
+[[nodiscard]] Result<nlohmann::json> read_scene_json(const std::filesystem::path& file,
+                                                     std::string* content = nullptr);
+// Checks a scene against the schema, with the same messages. `name`: the file, for messages.
+[[nodiscard]] Result<void> check_scene_json(const std::string& name, const nlohmann::json& root);
 
 // Returns the beginning of a long text, or a short text unchanged, for messages.
 [[nodiscard]] std::string shortened(const std::string& text);
