@@ -180,6 +180,7 @@ int multisampling_for(bool software, int max_samples) {
 
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Compositor::Compositor(Compositor&&) noexcept = default;
+Compositor& Compositor::operator=(Compositor&&) noexcept = default;
 Compositor::~Compositor() = default;
 
 Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const Scene> scene,

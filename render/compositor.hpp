@@ -52,6 +52,7 @@ class Compositor {
                                                  const CameraModel& camera,
                                                  const CompositorOptions& options = {});
   Compositor(Compositor&&) noexcept;
+  Compositor& operator=(Compositor&&) noexcept;
   ~Compositor();
 
   // Draws into the compositor's framebuffer, which has the camera's size.

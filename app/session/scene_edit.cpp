@@ -1,6 +1,7 @@
 #include "app/session/scene_edit.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -19,6 +20,10 @@ constexpr std::size_t kMaxLineBytes = 1U << 20U;
 constexpr std::string_view kMoved = "object_moved";
 constexpr std::string_view kRotated = "object_rotated";
 constexpr std::string_view kStyled = "shadow_changed";
+constexpr std::string_view kAdded = "object_added";
+constexpr std::string_view kReset = "object_reset";
+constexpr std::string_view kRemoved = "object_removed";
+constexpr std::string_view kRestored = "object_restored";
 constexpr std::string_view kLit = "video_light";
 constexpr double kMaxLight = 1e6;  // multiples of full white
 constexpr double kFarthest_m = 1e6;
@@ -121,14 +126,21 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
     if (!usable(styled.style)) return std::nullopt;
     return styled;
   }
-  ObjectPlaced placed;
-  placed.object = text_in(json, "object");
-  placed.turned = event == kRotated;
-  placed.placement.position = numbers_in<3>(json, "position");
-  placed.placement.rotation.coeffs() = numbers_in<4>(json, "quaternion_xyzw");
-  placed.placement.scale = number_in(json, "scale");
-  if (!usable(placed.placement)) return std::nullopt;
-  return placed;
+  const std::string object = text_in(json, "object");
+  if (event == kReset) return ObjectReset{object};
+  if (event == kRemoved || event == kRestored) return ObjectRemoved{object, event == kRemoved};
+  Placement placement;
+  placement.position = numbers_in<3>(json, "position");
+  placement.rotation.coeffs() = numbers_in<4>(json, "quaternion_xyzw");
+  placement.scale = number_in(json, "scale");
+  if (!usable(placement)) return std::nullopt;
+  if (event == kAdded) return ObjectAdded{object, text_in(json, "model"), placement, nullptr};
+  return ObjectPlaced{object, placement, event == kRotated};
+}
+
+bool is_edit(std::string_view event) {
+  constexpr std::array kEdits = {kMoved, kRotated, kStyled, kAdded, kReset, kRemoved, kRestored};
+  return std::ranges::find(kEdits, event) != kEdits.end();
 }
 
 // Adds the event of a line; ignores unknown events. `name`: file and line number, for errors.
@@ -137,8 +149,11 @@ Result<void> add_event(std::string_view line, const std::string& name, SceneEven
   if (!json.is_object()) return fail("{}: is not a JSON object; remove the line", name);
   const std::string event = text_in(json, "event");
   const auto timestamp_ns = timestamp_of(line);
-  if (event == kSceneStartEvent) events.scene_start_ns = timestamp_ns;
-  if (event == kMoved || event == kRotated || event == kStyled) {
+  if (event == kSceneStartEvent) {
+    events.scene_start_ns = timestamp_ns;
+    events.scene = text_in(json, "detail");
+  }
+  if (is_edit(event)) {
     if (!timestamp_ns)
       return fail("{}: timestamp_s is not a time in seconds; remove the line", name);
     const auto edit = edit_in(json, event);
@@ -155,51 +170,145 @@ Result<void> add_event(std::string_view line, const std::string& name, SceneEven
   return {};
 }
 
-}  // namespace
+SceneObject* object_named(Scene& scene, const std::string& name) {
+  const auto object = std::ranges::find(scene.objects, name, &SceneObject::name);
+  return object == scene.objects.end() ? nullptr : &*object;
+}
 
-bool apply(Scene& scene, const SceneEdit& edit) {
-  if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) {
-    const auto object = std::ranges::find(scene.objects, placed->object, &SceneObject::name);
-    if (object == scene.objects.end() || !usable(placed->placement)) return false;
-    object->placement = placed->placement;
-    object->animation = Animation();
-    object->tag_group = kTableGroup;  // keeps the object at its place on the table
-    return true;
-  }
-  const auto& styled = std::get<ShadowStyled>(edit);
-  const auto node = std::ranges::find(scene.shadows, styled.node, &ShadowNode::name);
-  if (node == scene.shadows.end() || !usable(styled.style)) return false;
-  static_cast<ShadowStyle&>(*node) = styled.style;
+void place(SceneObject& object, const Placement& placement) {
+  object.placement = placement;
+  object.animation = Animation();
+  object.tag_group = kTableGroup;  // keeps the object at its place on the table
+}
+
+bool apply_to(Scene& scene, const ObjectPlaced& edit, Scene* /*start*/) {
+  SceneObject* object = object_named(scene, edit.object);
+  if (object == nullptr || !usable(edit.placement)) return false;
+  place(*object, edit.placement);
   return true;
 }
 
-std::string event_line(const SceneEvent& event) {
-  Json json;
-  if (const auto* placed = std::get_if<ObjectPlaced>(&event.edit)) {
-    const Eigen::Vector3d& p = placed->placement.position;
-    const Eigen::Quaterniond& q = placed->placement.rotation;
-    json["event"] = placed->turned ? kRotated : kMoved;
-    json["object"] = placed->object;
-    json["position"] = {p.x(), p.y(), p.z()};
-    json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
-    json["scale"] = placed->placement.scale;
-  } else {
-    const auto& styled = std::get<ShadowStyled>(event.edit);
-    const LayeredConstants& c = styled.style.layered;
-    json["event"] = kStyled;
-    json["node"] = styled.node;
-    json["technique"] = to_string(styled.style.technique);
-    json["kernels"] = to_string(styled.style.kernels);
-    json["light_height"] = number(c.light_height);
-    json["light_ratio"] = number(c.light_ratio);
-    json["umbra_height"] = number(c.umbra_height);
-    json["magnification_cap"] = number(c.magnification_cap);
-    json["umbra"] = styled.style.fractions.umbra;
-    json["middle"] = styled.style.fractions.middle;
-    json["penumbra"] = styled.style.fractions.penumbra;
-    if (styled.style.light_rays) json["light_rays"] = true;
+bool apply_to(Scene& scene, const ShadowStyled& edit, Scene* /*start*/) {
+  const auto node = std::ranges::find(scene.shadows, edit.node, &ShadowNode::name);
+  if (node == scene.shadows.end() || !usable(edit.style)) return false;
+  static_cast<ShadowStyle&>(*node) = edit.style;
+  return true;
+}
+
+bool apply_to(Scene& scene, const ObjectAdded& edit, Scene* start) {
+  if (!usable(edit.placement)) return false;
+  if (SceneObject* known = object_named(scene, edit.object)) {
+    place(*known, edit.placement);
+    known->removed = false;
+    if (known->added && start != nullptr) {
+      place(*object_named(*start, edit.object), edit.placement);
+    }
+    return true;
   }
-  return line_of(event.timestamp_ns, json);
+  if (!edit.model) return false;
+  SceneObject object;
+  object.name = edit.object;
+  object.model = edit.model;
+  object.model_file = edit.model_file;
+  object.placement = edit.placement;
+  if (start == nullptr) {
+    add_object(scene, std::move(object));
+    return true;
+  }
+  // The casters' places at the start determine the walls.
+  add_object(*start, std::move(object));
+  scene.objects.push_back(start->objects.back());
+  scene.planes = start->planes;
+  for (std::size_t i = 0; i < scene.shadows.size(); ++i) {
+    scene.shadows[i].casters = start->shadows[i].casters;
+    scene.shadows[i].walls = start->shadows[i].walls;
+  }
+  return true;
+}
+
+bool apply_to(Scene& scene, const ObjectReset& edit, Scene* start) {
+  SceneObject* object = object_named(scene, edit.object);
+  const SceneObject* before = start == nullptr ? nullptr : object_named(*start, edit.object);
+  if (object == nullptr || before == nullptr) return false;
+  object->placement = before->placement;
+  object->animation = before->animation;
+  object->tag_group = before->tag_group;
+  return true;
+}
+
+bool apply_to(Scene& scene, const ObjectRemoved& edit, Scene* /*start*/) {
+  SceneObject* object = object_named(scene, edit.object);
+  if (object == nullptr || !object->added) return false;
+  object->removed = edit.removed;
+  return true;
+}
+
+void write_placement(Json& json, const Placement& placement) {
+  const Eigen::Vector3d& p = placement.position;
+  const Eigen::Quaterniond& q = placement.rotation;
+  json["position"] = {p.x(), p.y(), p.z()};
+  json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+  json["scale"] = placement.scale;
+}
+
+Json json_of(const ObjectPlaced& placed) {
+  Json json;
+  json["event"] = placed.turned ? kRotated : kMoved;
+  json["object"] = placed.object;
+  write_placement(json, placed.placement);
+  return json;
+}
+
+Json json_of(const ShadowStyled& styled) {
+  const LayeredConstants& c = styled.style.layered;
+  Json json;
+  json["event"] = kStyled;
+  json["node"] = styled.node;
+  json["technique"] = to_string(styled.style.technique);
+  json["kernels"] = to_string(styled.style.kernels);
+  json["light_height"] = number(c.light_height);
+  json["light_ratio"] = number(c.light_ratio);
+  json["umbra_height"] = number(c.umbra_height);
+  json["magnification_cap"] = number(c.magnification_cap);
+  json["umbra"] = styled.style.fractions.umbra;
+  json["middle"] = styled.style.fractions.middle;
+  json["penumbra"] = styled.style.fractions.penumbra;
+  if (styled.style.light_rays) json["light_rays"] = true;
+  return json;
+}
+
+Json json_of(const ObjectAdded& added) {
+  Json json;
+  json["event"] = kAdded;
+  json["object"] = added.object;
+  json["model"] = added.model_file;
+  write_placement(json, added.placement);
+  return json;
+}
+
+Json json_of(const ObjectReset& reset) {
+  return {{"event", kReset}, {"object", reset.object}};
+}
+
+Json json_of(const ObjectRemoved& removed) {
+  return {{"event", removed.removed ? kRemoved : kRestored}, {"object", removed.object}};
+}
+
+}  // namespace
+
+bool adds_objects(const SceneEvents& events) {
+  return std::ranges::any_of(events.edits, [](const SceneEvent& event) {
+    return std::holds_alternative<ObjectAdded>(event.edit);
+  });
+}
+
+bool apply(Scene& scene, const SceneEdit& edit, Scene* start) {
+  return std::visit([&](const auto& of_kind) { return apply_to(scene, of_kind, start); }, edit);
+}
+
+std::string event_line(const SceneEvent& event) {
+  return line_of(event.timestamp_ns,
+                 std::visit([](const auto& edit) { return json_of(edit); }, event.edit));
 }
 
 std::string light_line(const LitFrame& lit) {

@@ -1,9 +1,10 @@
-// Edits of a running scene (object placements, shadow styles) and the light of its frames. A live
-// session writes them to the recording's events.jsonl, and a replay reads them.
+// Edits of a running scene (added and moved objects, shadow styles) and the light of its frames. A
+// live session writes them to the recording's events.jsonl, and a replay reads them.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -28,10 +29,31 @@ struct ShadowStyled {
   ShadowStyle style;
 };
 
-using SceneEdit = std::variant<ObjectPlaced, ShadowStyled>;
+// Adds a model to the scene (add_object()). If the scene has an object of this name, places it.
+struct ObjectAdded {
+  std::string object;
+  std::string model_file;  // absolute path
+  Placement placement;
+  std::shared_ptr<const Model> model;  // null until it is loaded
+};
+
+// Puts an object back to its place and animation at the start.
+struct ObjectReset {
+  std::string object;
+};
+
+// Removes an added object, or brings it back.
+struct ObjectRemoved {
+  std::string object;
+  bool removed = true;
+};
+
+using SceneEdit = std::variant<ObjectPlaced, ShadowStyled, ObjectAdded, ObjectReset, ObjectRemoved>;
 
 // Returns false and changes nothing if the object or node does not exist or a number is invalid.
-bool apply(Scene& scene, const SceneEdit& edit);
+// `start`: the scene without edits, to which added objects are added too; nullptr: objects can't be
+// reset.
+bool apply(Scene& scene, const SceneEdit& edit, Scene* start = nullptr);
 
 // An edit that is in effect from the frame with this timestamp on.
 struct SceneEvent {
@@ -55,6 +77,7 @@ struct LitFrame {
 
 struct SceneEvents {
   std::optional<std::int64_t> scene_start_ns;  // timestamp at which the scene's time was 0
+  std::string scene;                           // file of the session's scene; "": not recorded
   std::vector<SceneEvent> edits;               // in order of time
   std::vector<LitFrame> lights;                // in order of time
 };
@@ -64,7 +87,9 @@ struct SceneEvents {
 // Loads the events of a recording. A missing file means no events. A damaged last line is ignored,
 // because the session may have crashed.
 [[nodiscard]] Result<SceneEvents> load_scene_events(const std::filesystem::path& file);
-// Name of the event at which the scene's time was 0.
+// Returns true if the session added objects to its scene.
+[[nodiscard]] bool adds_objects(const SceneEvents& events);
+// Name of the event at which the scene's time was 0; its detail is the scene's file.
 inline constexpr std::string_view kSceneStartEvent = "scene_start";
 
 }  // namespace penumbra

@@ -1,5 +1,6 @@
 #include "app/session/session.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <limits>
 #include <utility>
@@ -8,6 +9,7 @@
 #include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "render/passes/rectified_video.hpp"
+#include "render/scene/scene_writer.hpp"
 
 namespace penumbra {
 namespace {
@@ -44,34 +46,56 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
   return tracked;
 }
 
-// Returns 0 for an object or 1 for a shadow node, and the name of the edited one.
-std::pair<std::size_t, std::string> subject_of(const SceneEdit& edit) {
-  if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) return {0, placed->object};
-  return {1, std::get<ShadowStyled>(edit).node};
+// Part of the scene that an edit changes. A later edit of the same part replaces it.
+enum class EditedPart { place, style, existence, visibility };
+using EditSubject = std::pair<EditedPart, std::string>;
+EditSubject subject_of(const ObjectPlaced& edit) {
+  return {EditedPart::place, edit.object};
+}
+EditSubject subject_of(const ObjectReset& edit) {
+  return {EditedPart::place, edit.object};
+}
+EditSubject subject_of(const ShadowStyled& edit) {
+  return {EditedPart::style, edit.node};
+}
+EditSubject subject_of(const ObjectAdded& edit) {
+  return {EditedPart::existence, edit.object};
+}
+EditSubject subject_of(const ObjectRemoved& edit) {
+  return {EditedPart::visibility, edit.object};
+}
+EditSubject subject_of(const SceneEdit& edit) {
+  return std::visit([](const auto& of_kind) { return subject_of(of_kind); }, edit);
+}
+
+CompositorOptions compositor_options(const SessionOptions& options) {
+  return {
+      .rectified = options.rectified, .msaa = options.msaa, .pixel_buffers = options.pixel_buffers};
 }
 
 }  // namespace
 
-Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
-                 const SessionOptions& options, Compositor compositor)
-    : scene_(scene),
-      camera_(camera),
-      attached_groups_(tag_groups_of(scene)),
+Session::Session(GlContext& context, std::shared_ptr<const Scene> scene, const CameraModel& camera,
+                 PoseSource poses, const SessionOptions& options, Compositor compositor)
+    : context_(&context),
+      start_(std::move(scene)),
+      scene_(*start_),
+      video_camera_(camera),
+      camera_(options.rectified ? without_distortion(camera) : camera),
+      attached_groups_(tag_groups_of(scene_)),
       poses_(std::move(poses)),
       options_(options),
-      smoother_(camera),
-      light_meter_(camera.parameters().tone_curve),
+      smoother_(camera_),
+      light_meter_(camera_.parameters().tone_curve),
       compositor_(std::move(compositor)) {}
 
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                 const CameraModel& camera, PoseSource poses,
                                 const SessionOptions& options) {
-  PENUMBRA_TRY(auto compositor, Compositor::create(context, scene, camera,
-                                                   {.rectified = options.rectified,
-                                                    .msaa = options.msaa,
-                                                    .pixel_buffers = options.pixel_buffers}));
-  return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
-                 options, std::move(compositor));
+  PENUMBRA_TRY(auto compositor,
+               Compositor::create(context, scene, camera, compositor_options(options)));
+  return Session(context, std::move(scene), camera, std::move(poses), options,
+                 std::move(compositor));
 }
 
 TrackedFrame Session::track(const Frame& frame) {
@@ -169,9 +193,13 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
 
 Result<void> Session::read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
   const bool later = drawn.when_read_back == ReadBackTime::later;
-  const bool has_earlier = compositor_.pending_images() > 0;
+  const bool has_earlier = compositor_.pending_images() > 0 || !early_image_.empty();
   auto read = later ? compositor_.request_image() : compositor_.read_back(rgba);
-  if (read && later && has_earlier) read = compositor_.take_image(rgba);
+  if (read && later && !early_image_.empty()) {
+    std::ranges::copy(std::exchange(early_image_, {}), rgba.begin());
+  } else if (read && later && has_earlier) {
+    read = compositor_.take_image(rgba);
+  }
   if (!read) return tl::unexpected(read.error());
   drawn.read_back = !later || has_earlier;
   drawn.composite.readback_ms = read->readback_ms;
@@ -181,6 +209,10 @@ Result<void> Session::read_back_image(std::span<std::uint8_t> rgba, SessionFrame
 }
 
 Result<StageTime> Session::take_image(std::vector<std::uint8_t>& rgba) {
+  if (!early_image_.empty()) {
+    rgba = std::exchange(early_image_, {});
+    return StageTime();
+  }
   rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
               static_cast<std::size_t>(camera_.height()));
   if (compositor_.pending_images() == 0) return fail("a rendered image was lost");
@@ -205,12 +237,68 @@ bool Session::edit(const SceneEdit& edit) {
     options_.plan.technique.reset();
     options_.plan.kernels.reset();
   }
-  if (!apply(scene_, edit)) return false;
+  if (!replay_edit(edit)) return false;
   edits_.push_back(edit);
+  return true;
+}
+
+bool Session::replay_edit(const SceneEdit& edit) {
+  if (!apply_edit(edit)) return false;
   std::erase_if(latest_edits_,
                 [&](const SceneEdit& earlier) { return subject_of(earlier) == subject_of(edit); });
   latest_edits_.push_back(edit);
   return true;
+}
+
+bool Session::apply_edit(const SceneEdit& edit) {
+  const bool needs_start =
+      std::holds_alternative<ObjectAdded>(edit) || std::holds_alternative<ObjectReset>(edit);
+  if (!needs_start) return apply(scene_, edit);
+  Scene start = *start_;
+  Scene scene = scene_;
+  if (!apply(scene, edit, &start)) return false;
+  auto shared = std::make_shared<const Scene>(std::move(start));
+  if (shared->objects.size() > start_->objects.size()) {
+    if (const auto added = add_to_compositor(shared); !added) {
+      log_warning("{}: can't be drawn: {}", std::get<ObjectAdded>(edit).model_file,
+                  added.error().message);
+      return false;
+    }
+  }
+  start_ = std::move(shared);
+  scene_ = std::move(scene);
+  return true;
+}
+
+// Makes the compositor again, because it uploads all models when it is created.
+Result<void> Session::add_to_compositor(std::shared_ptr<const Scene> start) {
+  PENUMBRA_TRY(auto compositor, Compositor::create(*context_, std::move(start), video_camera_,
+                                                   compositor_options(options_)));
+  if (compositor_.pending_images() > 0) {
+    std::vector<std::uint8_t> image;
+    PENUMBRA_TRY_VOID(take_image(image));
+    early_image_ = std::move(image);
+  }
+  compositor_ = std::move(compositor);
+  // These have one entry per object.
+  state_.reset();
+  state_with_pose_.reset();
+  return {};
+}
+
+SceneEdit Session::place_of(const std::string& object) const {
+  const auto latest = std::ranges::find_if(latest_edits_, [&object](const SceneEdit& edit) {
+    return subject_of(edit) == EditSubject(EditedPart::place, object);
+  });
+  if (latest == latest_edits_.end()) return ObjectReset{object};
+  return *latest;
+}
+
+Result<std::string> Session::scene_text(const std::filesystem::path& folder) const {
+  return penumbra::scene_text(
+      {scene_, *start_, [this](const ShadowNode& node) { return style_in_effect(node); },
+       options_.plan.light_mode},
+      folder);
 }
 
 SessionView Session::view() const {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <optional>
@@ -105,12 +106,19 @@ class Session {
   // Reads the latest image: RGBA8, width * height * 4 bytes.
   [[nodiscard]] Result<void> read_back(std::span<std::uint8_t> rgba);
 
-  // Edits the scene from the next image on. Returns false if the scene has no such object or node.
+  // Edits the scene from the next image on. Returns false if the scene has no such object or node,
+  // or if OpenGL can't draw an added object (logged).
   bool edit(const SceneEdit& edit);
   // Repeats a recorded edit, which is not added to SessionFrame::edits.
-  bool replay_edit(const SceneEdit& edit) { return apply(scene_, edit); }
+  bool replay_edit(const SceneEdit& edit);
+  // Adds an object that the scene has since its start to the recorded edits.
+  void record_added(const ObjectAdded& added) { latest_edits_.emplace_back(added); }
   // Latest edit of each edited object or node, for a recording that starts now.
   [[nodiscard]] const std::vector<SceneEdit>& latest_edits() const { return latest_edits_; }
+  // Returns the edit that restores the object's present place: its latest one or ObjectReset.
+  [[nodiscard]] SceneEdit place_of(const std::string& object) const;
+  // Returns the text of a scene file with the present arrangement (scene_text()).
+  [[nodiscard]] Result<std::string> scene_text(const std::filesystem::path& folder) const;
   // Timestamp at which the scene's time is 0; nullopt before the first frame.
   [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
     return options_.scene_start_ns;
@@ -135,14 +143,19 @@ class Session {
   }
 
  private:
-  Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
-          const SessionOptions& options, Compositor compositor);
+  Session(GlContext& context, std::shared_ptr<const Scene> scene, const CameraModel& camera,
+          PoseSource poses, const SessionOptions& options, Compositor compositor);
+  bool apply_edit(const SceneEdit& edit);
+  [[nodiscard]] Result<void> add_to_compositor(std::shared_ptr<const Scene> start);
 
   [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
                                              ReadBackTime read_back_time);
   [[nodiscard]] Result<void> read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
-  Scene scene_;  // shares its models with the compositor's scene
+  GlContext* context_;
+  std::shared_ptr<const Scene> start_;  // the compositor's scene, without edits of placements
+  Scene scene_;                         // shares its models with start_
+  CameraModel video_camera_;
   CameraModel camera_;
   std::vector<std::string> attached_groups_;  // tag groups that scene objects are attached to
   PoseSource poses_;
@@ -150,7 +163,8 @@ class Session {
   PoseSmoother smoother_;
   LightMeter light_meter_;
   Compositor compositor_;
-  std::vector<SceneEdit> edits_;  // since the previous frame
+  std::vector<std::uint8_t> early_image_;  // pending image of an earlier compositor; empty: none
+  std::vector<SceneEdit> edits_;           // since the previous frame
   std::vector<SceneEdit> latest_edits_;
   std::set<SkippedPass> warned_;  // passes with a logged warning
   std::optional<SceneState> state_;

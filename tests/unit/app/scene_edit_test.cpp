@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "render/scene/shapes.hpp"
 #include "support/recording_folder.hpp"
 #include "support/scene_events.hpp"
 #include "support/studio.hpp"
@@ -82,6 +83,49 @@ TEST(SceneEdit, RoundTripsMoveExactly) {
     EXPECT_EQ(read.placement.rotation.coeffs(), placed.placement.rotation.coeffs());
     EXPECT_EQ(read.placement.scale, placed.placement.scale);
   }
+}
+
+TEST(SceneEdit, RoundTripsAddedRemovedAndResetObjects) {
+  const ObjectPlaced placed = placed_somewhere();
+  const ObjectAdded added{"my \"toy\"", "/models/toy.glb", placed.placement, nullptr};
+  const auto events = test::events_of(event_line({12'345'678'901, added}));
+  ASSERT_TRUE(events) << events.error().message;
+  ASSERT_EQ(events->edits.size(), 1U);
+  EXPECT_TRUE(adds_objects(*events));
+  const auto& read = std::get<ObjectAdded>(events->edits[0].edit);
+  EXPECT_EQ(read.object, added.object);
+  EXPECT_EQ(read.model_file, added.model_file);
+  EXPECT_EQ(read.placement, added.placement);
+  EXPECT_EQ(read.model, nullptr);
+  for (const bool removed : {true, false}) {
+    const auto visibility = test::events_of(event_line({1, ObjectRemoved{"toy", removed}}));
+    ASSERT_TRUE(visibility && visibility->edits.size() == 1U);
+    EXPECT_EQ(std::get<ObjectRemoved>(visibility->edits[0].edit).object, "toy");
+    EXPECT_EQ(std::get<ObjectRemoved>(visibility->edits[0].edit).removed, removed);
+  }
+  const auto reset = test::events_of(event_line({1, ObjectReset{"toy"}}));
+  ASSERT_TRUE(reset && reset->edits.size() == 1U);
+  EXPECT_EQ(std::get<ObjectReset>(reset->edits[0].edit).object, "toy");
+  EXPECT_FALSE(adds_objects(*reset));
+}
+
+TEST(SceneEdit, RemovesOnlyAddedObjects) {
+  Scene scene = *test::SceneBuilder().build();
+  SceneObject own;
+  own.name = "own";
+  scene.objects.push_back(own);
+  Scene start = scene;
+  EXPECT_FALSE(apply(scene, ObjectRemoved{"own", true}, &start));
+  EXPECT_FALSE(apply(scene, ObjectAdded{"toy", "toy.glb", {}, nullptr}, &start)) << "not loaded";
+  const auto model = std::make_shared<const Model>(make_box({0.1F, 0.1F, 0.1F}));
+  ASSERT_TRUE(apply(scene, ObjectAdded{"toy", "toy.glb", {}, model}, &start));
+  EXPECT_EQ(start.objects.size(), 2U);
+  EXPECT_EQ(scene.shadows[0].casters, start.shadows[0].casters);
+  EXPECT_TRUE(apply(scene, ObjectRemoved{"toy", true}, &start));
+  EXPECT_EQ(evaluate_scene(scene, 0.0).opacities, (std::vector<double>{1.0, 0.0}));
+  EXPECT_TRUE(apply(scene, ObjectRemoved{"toy", false}, &start));
+  EXPECT_EQ(evaluate_scene(scene, 0.0).opacities, (std::vector<double>{1.0, 1.0}));
+  EXPECT_FALSE(apply(scene, ObjectReset{"unknown"}, &start));
 }
 
 TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
