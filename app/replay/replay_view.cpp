@@ -52,7 +52,9 @@ Result<RunHost*> ReplayView::open_host(GlContext& context, RunRecorder& run,
     host_ =
         std::make_unique<ComparisonHost>(*comparison_, context, std::move(image), run, frame_count);
   } else {
-    host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
+    auto host = std::make_unique<SessionHost>(*session_, run, frame_count);
+    host->set_sheet(sheet_area(recording.tags ? &*recording.tags : nullptr));
+    host_ = std::move(host);
   }
   host_->set_played_recording(recording.folder);
   return host_.get();

@@ -102,6 +102,33 @@ void RunHost::describe(HudState& state, bool debug) const {
   for (const KeptResult& kept : last_->composite.kept) state.kept.push_back(text_of(kept, scene()));
 }
 
+std::string SessionHost::add_object(const std::filesystem::path& file) {
+  ObjectRequest request;
+  request.file = file;
+  auto added = load_object(request, *session_.view().scene, sheet_);
+  if (!added) return added.error().message;
+  if (!session_.edit(added->edit)) {
+    return fmt::format("{}: can't be drawn; the log has the cause", file.string());
+  }
+  history_.note_added(added->edit.object);
+  redraw();  // the old image is lost with the old compositor
+  return file.filename().string() + ": " + added->description;
+}
+
+std::string SessionHost::save_scene() {
+  std::error_code ignored;
+  const std::filesystem::path name = std::filesystem::absolute(free_name(".json"), ignored);
+  if (recording_ && lies_in(name, *recording_)) {
+    return "this folder is the recording that is played; start elsewhere to save scenes";
+  }
+  const auto text = session_.scene_text(name.parent_path());
+  if (!text) return text.error().message;
+  auto file = OutputFile::create(name);
+  if (!file) return file.error().message;
+  if (const auto written = write_text(*file, *text); !written) return written.error().message;
+  return "scene saved: " + name.string();
+}
+
 std::string SessionHost::toggle_smoothing() {
   session_.set_smooth(!session_.smooth());
   return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";

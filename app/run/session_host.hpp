@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "app/report/run_report.hpp"
+#include "app/session/edit_history.hpp"
+#include "app/session/placed_object.hpp"
 #include "app/session/session.hpp"
 #include "app/window/viewer.hpp"
 
@@ -50,6 +52,14 @@ class SessionHost : public RunHost {
   [[nodiscard]] SessionView view() const override { return session_.view(); }
   [[nodiscard]] std::vector<HudNode> nodes() const override;
   void edit(const SceneEdit& edit) override { session_.edit(edit); }
+  // Sets the rectangle of the tags, beside which objects are put.
+  void set_sheet(const Eigen::AlignedBox2d& sheet) { sheet_ = sheet; }
+  void begin_move(const std::string& object) override { history_.begin_move(session_, object); }
+  [[nodiscard]] std::string add_object(const std::filesystem::path& file) override;
+  [[nodiscard]] std::string undo() override { return history_.undo(session_); }
+  [[nodiscard]] std::string reset() override { return history_.reset(session_); }
+  // Saves the arrangement in the current folder.
+  [[nodiscard]] std::string save_scene() override;
   [[nodiscard]] Translucency translucency() const override { return session_.translucency(); }
   void set_translucency(Translucency mode) override { session_.set_translucency(mode); }
   void redraw() override;
@@ -62,6 +72,8 @@ class SessionHost : public RunHost {
   [[nodiscard]] const Scene& scene() const override { return *session_.view().scene; }
 
   Session& session_;
+  Eigen::AlignedBox2d sheet_ = sheet_area(nullptr);
+  EditHistory history_;
 };
 
 // Writes a frame's number, poses and stage times into `state`.

@@ -38,6 +38,13 @@ constexpr std::array kKeys = {
     Key{GLFW_KEY_G, WindowCommand::next_node},
     Key{GLFW_KEY_M, WindowCommand::next_translucency},
     Key{GLFW_KEY_J, WindowCommand::smooth},
+    Key{GLFW_KEY_U, WindowCommand::undo},
+    Key{GLFW_KEY_O, WindowCommand::reset},
+    Key{GLFW_KEY_W, WindowCommand::save_scene},
+};
+constexpr std::array kControlKeys = {
+    Key{GLFW_KEY_Z, WindowCommand::undo},
+    Key{GLFW_KEY_S, WindowCommand::save_scene},
 };
 
 constexpr std::array kHelp = {
@@ -61,6 +68,10 @@ constexpr std::array kHelp = {
     KeyHelp{"Ctrl + left", "turn object"},
     KeyHelp{"X  Z  Y  T", "left drag slides, lifts, reaches, turns"},
     KeyHelp{"B", "put the selected object on the table at the pointer"},
+    KeyHelp{"U, Ctrl + Z", "undo the last move, reset or added object"},
+    KeyHelp{"O", "objects back to their original places, added ones removed"},
+    KeyHelp{"W, Ctrl + S", "write the arrangement as a scene file"},
+    KeyHelp{"drop a file", "puts the model on the table (.glb, .gltf, .obj)"},
     KeyHelp{"K, wheel", "the scene's 3D cursor follows the pointer; higher, lower"},
 };
 
@@ -84,9 +95,11 @@ bool is_number_key(const WindowEvent& event) {
 }
 
 std::optional<WindowCommand> command_of_key(const WindowEvent& event) {
-  if (!is_plain_key(event)) return std::nullopt;
-  const auto key = std::ranges::find(kKeys, event.code, &Key::code);
-  return key != kKeys.end() ? std::optional(key->command) : std::nullopt;
+  if (event.kind != WindowEvent::Kind::key_down || event.alt) return std::nullopt;
+  const std::span<const Key> keys =
+      event.control ? std::span<const Key>(kControlKeys) : std::span<const Key>(kKeys);
+  const auto key = std::ranges::find(keys, event.code, &Key::code);
+  return key != keys.end() ? std::optional(key->command) : std::nullopt;
 }
 
 std::vector<ShadowTechnique> techniques_by_key() {

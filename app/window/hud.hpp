@@ -34,6 +34,9 @@ enum class WindowCommand {
   panels,
   layout,
   smooth,  // smoothing of the drawn pose
+  undo,
+  reset,  // objects back to where they were at the start
+  save_scene,
   slide,
   lift,
   reach,

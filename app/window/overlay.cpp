@@ -663,6 +663,7 @@ void Overlay::handle(const WindowEvent& event) {
       if (event.code > 0) io.AddInputCharacter(static_cast<unsigned>(event.code));
       break;
     case Kind::pointer_moved:
+    case Kind::file_dropped:
       break;
   }
 }

@@ -105,6 +105,10 @@ void Viewer::take(const WindowEvent& event) {
         pointer_moved_ = true;
       }
       break;
+    case Kind::file_dropped:
+      show_message(host_.add_object(event.file));
+      edited_ = true;  // draws a paused frame again
+      break;
     case Kind::key_up:
     case Kind::text:
       break;
@@ -146,6 +150,7 @@ void Viewer::handle_button(const WindowEvent& event) {
   if (!pointer || view.state == nullptr) return;
   if (const auto held = manipulator_.take(*view.scene, *view.state, *pointer, mode)) {
     drag_button_ = event.code;
+    host_.begin_move(held->object);
     edit(*held);
   }
 }
@@ -260,9 +265,21 @@ void Viewer::act(WindowCommand command) {
       const SessionView view = host_.view();
       const auto pointer = pointer_view();
       if (!pointer || view.state == nullptr) break;
-      if (const auto placed = manipulator_.put(*view.scene, *view.state, *pointer)) edit(*placed);
+      if (const auto placed = manipulator_.put(*view.scene, *view.state, *pointer)) {
+        host_.begin_move(placed->object);
+        edit(*placed);
+      }
       break;
     }
+    case WindowCommand::undo:
+    case WindowCommand::reset:
+      manipulator_.release_object();
+      show_message(command == WindowCommand::undo ? host_.undo() : host_.reset());
+      edited_ = true;
+      break;
+    case WindowCommand::save_scene:
+      show_message(host_.save_scene());
+      break;
     case WindowCommand::cursor: {
       const Scene* scene = host_.view().scene;
       const bool has_one =

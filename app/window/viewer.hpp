@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -31,6 +32,8 @@ class ViewerHost {
   [[nodiscard]] virtual SessionView view() const { return {}; }
   [[nodiscard]] virtual std::vector<HudNode> nodes() const { return {}; }
   virtual void edit(const SceneEdit& /*edit*/) {}
+  // Called before the edits of a move, which undo() reverts as one.
+  virtual void begin_move(const std::string& /*object*/) {}
   [[nodiscard]] virtual Translucency translucency() const { return Translucency::automatic; }
   virtual void set_translucency(Translucency /*mode*/) {}
   // Draws the latest frame again with the edits, while paused.
@@ -41,6 +44,12 @@ class ViewerHost {
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
+  [[nodiscard]] virtual std::string add_object(const std::filesystem::path& /*file*/) {
+    return "objects can't be added to a comparison";
+  }
+  [[nodiscard]] virtual std::string undo() { return {}; }
+  [[nodiscard]] virtual std::string reset() { return {}; }
+  [[nodiscard]] virtual std::string save_scene() { return {}; }
   // Sets the measurements in the HUD state; with `debug`, also those of the debug view.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
 };

@@ -29,10 +29,19 @@ struct GlInfo {
 // Returns the message for a user: the cause and, if there is one, the remedy.
 [[nodiscard]] std::string gl_error_text(unsigned code);
 
-// Input in the window: a key, a mouse button, or a finger (window systems report it as the left
-// button).
+// Input in the window: a key, a mouse button, a finger (window systems report it as the left
+// button), or a file that was dropped on it (one event per file).
 struct WindowEvent {
-  enum class Kind { key_down, key_up, button_down, button_up, pointer_moved, scrolled, text };
+  enum class Kind {
+    key_down,
+    key_up,
+    button_down,
+    button_up,
+    pointer_moved,
+    scrolled,
+    text,
+    file_dropped
+  };
   static constexpr int kLeft = 0, kRight = 1, kMiddle = 2;  // buttons
 
   Kind kind = Kind::key_down;
@@ -40,6 +49,7 @@ struct WindowEvent {
   bool shift = false, control = false, alt = false;
   // Pointer [px], from the top left corner of the window's framebuffer; scrolled: steps.
   double x = 0.0, y = 0.0;
+  std::string file = {};  // path of the dropped file
 };
 
 class GlContext {

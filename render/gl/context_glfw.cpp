@@ -39,6 +39,14 @@ class GlfwContext final : public GlContext {
       event.y = y;
       pass_on(w, event);
     });
+    glfwSetDropCallback(window_, [](GLFWwindow* w, int count, const char** files) {
+      for (int i = 0; i < count; ++i) {
+        WindowEvent event;
+        event.kind = Kind::file_dropped;
+        event.file = files[i];
+        pass_on(w, event);
+      }
+    });
     glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned code) {
       emit(w, Kind::text, static_cast<int>(code), 0);
     });

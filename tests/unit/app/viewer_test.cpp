@@ -92,6 +92,23 @@ class Host : public ViewerHost {
     ++smoothings;
     return "smoothed";
   }
+  void begin_move(const std::string& object) override { calls.push_back("move " + object); }
+  [[nodiscard]] std::string add_object(const std::filesystem::path& file) override {
+    calls.push_back("add " + file.string());
+    return "added";
+  }
+  [[nodiscard]] std::string undo() override {
+    calls.emplace_back("undo");
+    return "undone";
+  }
+  [[nodiscard]] std::string reset() override {
+    calls.emplace_back("reset");
+    return "reset";
+  }
+  [[nodiscard]] std::string save_scene() override {
+    calls.emplace_back("save");
+    return "saved";
+  }
   void describe(HudState& state, bool debug) const override {
     ++described;
     debug_asked = debug;
@@ -106,6 +123,7 @@ class Host : public ViewerHost {
   Translucency translucency_mode = Translucency::automatic;
   SessionView shown;
   std::vector<SceneEdit> edits;
+  std::vector<std::string> calls;
   mutable int described = 0;
   mutable int hud_drawings = 0;  // number of calls without node commands
   mutable bool debug_asked = false;
@@ -307,8 +325,41 @@ TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   const auto position = [&](const SceneEdit& edit) {
     return std::get<ObjectPlaced>(edit).placement.position;
   };
+  EXPECT_EQ(host.calls, std::vector<std::string>{"move object1"}) << "one undo reverts a drag";
   EXPECT_EQ(position(host.edits.front()), Eigen::Vector3d(0.0, 0.0, 0.1));
   EXPECT_LT((position(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
+}
+
+TEST(Viewer, AddsDroppedFilesAndRevertsByKeys) {
+  WindowEvent dropped;
+  dropped.kind = WindowEvent::Kind::file_dropped;
+  dropped.file = "toys/boat.glb";
+  WindowEvent control_z = key('Z');
+  control_z.control = true;
+  WindowEvent control_s = key('S');
+  control_s.control = true;
+  ScriptedWindow window(std::deque<WindowEvent>{dropped, key('U'), control_z, key('O'), key('W'),
+                                                control_s, key('Z'), key('S')});
+  InterruptWatch interrupt;
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  for (int i = 0; i < 8; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.calls, (std::vector<std::string>{"add toys/boat.glb", "undo", "undo", "reset",
+                                                  "save", "save"}));
+  EXPECT_EQ(host.screenshots, 1) << "S without Ctrl";
+}
+
+// A paused image shows an added object at once.
+TEST(Viewer, DrawsPausedFrameAgainAfterDrop) {
+  WindowEvent dropped;
+  dropped.kind = WindowEvent::Kind::file_dropped;
+  dropped.file = "boat.glb";
+  ScriptedWindow window(std::deque<WindowEvent>{key(kSpace), key(0), dropped, key(kSpace)});
+  InterruptWatch interrupt;
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.redrawn, 1);
 }
 
 // Without the option, pointer motion changes no frame.
