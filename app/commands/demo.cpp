@@ -21,7 +21,7 @@ Result<ExitCode> demo(const DemoOptions& options) {
   PENUMBRA_TRY(const auto resources, find_resources());
   ReplayRequest request = options.request;
   PENUMBRA_TRY(request.recording, find_bundled_recording_in(resources, "tabletop"));
-  request.scene = resources / "scenes" / "default.json";
+  request.scene = bundled_scene(resources, request.objects);
   PENUMBRA_TRY(const auto report, run_replay(request));
   if (report.failure) {
     fmt::print("{}", report_table(report));
@@ -53,10 +53,11 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
   add_text_option(command, "--output", "PATH", set_output,
                   "Composited video: *.mp4 (H.264) or *.mkv (FFV1)")
       ->default_str(options->request.output->string());
+  add_object_option(command, options->request.objects);
   add_shadow_options(command, options->shadow);
   add_off_flag(command, "--no-window", options->request.window,
                "Offscreen, even if there is a display");
-  put_first(command, {"--shadow", "--no-window"});
+  put_first(command, {"--object", "--shadow", "--no-window"});
   command.callback([&command, options, &chosen] {
     set_run_options(command, options->shadow, options->request);
     chosen = [options] { return demo(*options); };

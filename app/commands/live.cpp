@@ -123,6 +123,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
              "End this many seconds after the first frame")
       ->check(in_range(0.001, 1e9));
   add_scene_option(command, request);
+  add_object_option(command, request.objects);
   add_option(command, "--tags", "FILE.yaml", options->tags,
              "Tag map (default: tags.yaml of the recording that is played, or beside the "
              "calibration)");
@@ -139,8 +140,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--record", "--scene", "--tags", "--shadow", "--tracking", "--output",
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command,
-                  {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera"});
+    claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera",
+                            "--save-scene"});
     const CameraRequest& camera = options->request.camera;
     check_camera_source(camera.source);
     if (camera.calibration.empty() && recorded_calibration(camera.source).empty())

@@ -432,7 +432,7 @@ void add_window_options(CLI::App& command, RunRequest& request) {
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
   std::vector<std::filesystem::path> outputs;
   for (const char* name : {"--output", "--poses", "--report", "--group-poses", "--frame-log",
-                           "--refine-map", "--refine-camera", "--record"}) {
+                           "--refine-map", "--refine-camera", "--save-scene", "--record"}) {
     const CLI::Option* option = command.get_option_no_throw(name);
     if (option == nullptr || option->count() == 0 || option->results().back().empty()) continue;
     outputs.emplace_back(option->results().back());
@@ -445,10 +445,15 @@ void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunReq
   request.kernel_file = shadow.kernel_file;
 }
 
+std::filesystem::path bundled_scene(const std::filesystem::path& resources,
+                                    const std::vector<ObjectRequest>& objects) {
+  return resources / "scenes" / (objects.empty() ? "default.json" : "table.json");
+}
+
 Result<void> complete(RunRequest& request) {
   if (!request.scene.empty()) return {};
   PENUMBRA_TRY(const auto resources, find_resources());
-  request.scene = resources / "scenes" / "default.json";
+  request.scene = bundled_scene(resources, request.objects);
   return {};
 }
 
@@ -515,6 +520,14 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
                      "A row per frame and tag group, as *.csv or *.jsonl; - is standard output");
   add_option(command, "--report", "FILE.json", request.report,
              "Report with all measurements, as JSON; - is standard output");
+  const auto set_scene = [&request](const std::string& file) {
+    if (!names_standard_output(file) && lower_extension(file) != ".json") {
+      usage_error("--save-scene", "{}: end it in .json", file);
+    }
+    request.saved_scene = file;
+  };
+  add_text_option(command, "--save-scene", "FILE.json", set_scene,
+                  "The arrangement at the end, as a scene for --scene; - is standard output");
 }
 
 std::string written_files(const OutputRequest& request,
@@ -523,7 +536,7 @@ std::string written_files(const OutputRequest& request,
   std::error_code ignored;
   for (const auto& path :
        {request.output, request.poses, request.group_poses, request.frame_log, request.report,
-        request.refined_map, request.refined_camera, recording}) {
+        request.refined_map, request.refined_camera, request.saved_scene, recording}) {
     if (path && !names_standard_output(path->string()) &&
         !std::filesystem::is_empty(*path, ignored))
       paths.push_back(path->string());

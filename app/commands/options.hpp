@@ -153,11 +153,17 @@ void add_output_options(CLI::App& command, OutputRequest& request);
 [[nodiscard]] std::string written_files(const OutputRequest& request,
                                         const std::optional<std::filesystem::path>& recording = {});
 void add_scene_option(CLI::App& command, RunRequest& request);
+void add_object_option(CLI::App& command, std::vector<ObjectRequest>& objects);
+// Reads "FILE[,key=value...]". `option`: the option with this value, for error messages.
+[[nodiscard]] ObjectRequest object_from(const std::string& option, const std::string& text);
 void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow);
 void add_window_options(CLI::App& command, RunRequest& request);
 // Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions
 // and outputs with the same path.
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
+// Returns the scene of runs without --scene: an empty table for objects, else the default scene.
+[[nodiscard]] std::filesystem::path bundled_scene(const std::filesystem::path& resources,
+                                                  const std::vector<ObjectRequest>& objects);
 // Sets the bundled scene if the request has no scene. Fails if the bundled scene is missing.
 [[nodiscard]] Result<void> complete(RunRequest& request);
 

@@ -41,8 +41,18 @@ std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
   return techniques;
 }
 
+// Returns the scene of a recorded session that added objects to it; empty for other recordings.
+std::filesystem::path recorded_scene(const std::filesystem::path& recording) {
+  const auto events = load_scene_events(recording / "events.jsonl");
+  if (!events || !adds_objects(*events)) return {};
+  return events->scene;
+}
+
 Result<ExitCode> replay(const ReplayOptions& options) {
   ReplayRequest request = options.request;
+  if (request.scene.empty() && request.edits) {
+    request.scene = recorded_scene(request.recording);
+  }
   PENUMBRA_TRY_VOID(complete(request));
   PENUMBRA_TRY(const auto report, run_replay(request));
   fmt::print("{}", report_table(report));
@@ -69,6 +79,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
 
   add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
   add_scene_option(command, request);
+  add_object_option(command, request.objects);
   add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
   add_option(command, "--calibration", "camera.yaml", request.camera,
              "Camera model (default: the recording's)")
@@ -109,8 +120,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--shadow", "--compare", "--tracking", "--output", "--poses", "--report",
                       "--poses-from", "--frames"});
   command.callback([&command, options, &chosen] {
-    claim_outputs(command,
-                  {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera"});
+    claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera",
+                            "--save-scene"});
     set_run_options(command, options->shadow, options->request);
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

@@ -88,7 +88,10 @@ void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
   const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
   if (!scene_recorded_) {
     scene_recorded_ = true;
-    to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
+    std::error_code ignored;
+    const auto scene = std::filesystem::absolute(session.view().scene->file, ignored);
+    to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent,
+                  scene.lexically_normal().string());
     for (const SceneEdit& edit : session.latest_edits()) to->add_scene_edit({timestamp_ns, edit});
   } else {
     for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});

@@ -15,6 +15,7 @@
 #include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
 #include "app/run/refined_files.hpp"
+#include "app/run/run_scene.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
@@ -42,7 +43,7 @@ constexpr std::size_t kMaxYamlBytes = 16'000'000;
 Result<void> check_apart_from_record(const LiveRequest& request) {
   if (!request.record) return {};
   for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
-                             request.refined_map, request.refined_camera}) {
+                             request.refined_map, request.refined_camera, request.saved_scene}) {
     if (output && !is_stream(*output) && lies_in(*output, *request.record)) {
       return fail("{}: lies in {}, where the recording is made (--record); name another place",
                   output->string(), request.record->string());
@@ -61,6 +62,7 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
   std::vector<std::filesystem::path> taken = {request.scene, request.camera.calibration,
                                               request.tags};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
+  for (const ObjectRequest& object : request.objects) taken.push_back(object.file);
   if (request.record) taken.push_back(*request.record);
   if (address.kind == CameraAddress::Kind::recording) {
     PENUMBRA_TRY(const auto played, open_as_camera(address));
@@ -122,8 +124,8 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(const auto address, parse_camera(request.camera.source));
   PENUMBRA_TRY(auto camera, calibration_at_size(request.camera, address, calibrated));
   PENUMBRA_TRY(auto tags, load_tag_map(request.tags));
-  PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
-  const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
+  PENUMBRA_TRY(const auto loaded, load_run_scene(request, &tags));
+  const auto& scene = loaded.scene;
   PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
   log_scene_warnings(*scene, request.plan);
   PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
@@ -145,6 +147,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   TagsInUse used_tags = tags_in_use(request.tags, tags);
   print_tags(used_tags);
   PENUMBRA_TRY(auto session, Session::create(*context, scene, camera, std::move(tracker), request));
+  for (const ObjectAdded& added : loaded.added) session.record_added(added);
   // Compiles the shaders before the camera starts, to draw its first images without delay.
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
@@ -195,7 +198,9 @@ class LiveLoop {
             [this](const CapturedImage& image) {
               if (const auto writer = setup_.recorder->writer()) writer->add_image(image);
             },
-            request.threads > 1) {}
+            request.threads > 1) {
+    host_.set_sheet(sheet_area(&setup.tags));
+  }
 
   void run();
   [[nodiscard]] Result<RunReport> finish();
@@ -385,6 +390,9 @@ Result<RunReport> LiveLoop::finish() {
     const auto written = write_refined(*refinement_, setup_.outputs, setup_.camera_record);
     if (!written && !failure_) failure_ = written.error();
     report.map_refinement = refinement_->report();
+  }
+  if (const auto written = setup_.outputs.write_scene(*setup_.session); !written && !failure_) {
+    failure_ = written.error();
   }
   report.failure = std::move(failure_);
   if (auto written = setup_.outputs.write_report(report); !written && !report.failure) {

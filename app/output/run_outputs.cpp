@@ -10,7 +10,6 @@
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
 #include "render/model/cut_out.hpp"
-#include "render/shadow/kernels/kernel_file.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
@@ -34,8 +33,9 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
 
 Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
   std::error_code ignored;
-  for (const auto& output : {request.output, request.poses, request.report, request.group_poses,
-                             request.frame_log, request.refined_map, request.refined_camera}) {
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, request.frame_log,
+        request.refined_map, request.refined_camera, request.saved_scene}) {
     if (!output) continue;
     if (output == request.group_poses &&
         (is_stream(*output) ||
@@ -81,7 +81,7 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
   }
   for (const auto& output :
        {request.output, request.poses, request.report, request.group_poses, request.frame_log,
-        request.refined_map, request.refined_camera, more}) {
+        request.refined_map, request.refined_camera, request.saved_scene, more}) {
     if (!output || is_stream(*output)) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
@@ -95,15 +95,6 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
     }
   }
   return {};
-}
-
-Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
-  PENUMBRA_TRY(Scene loaded, load_scene(scene));
-  if (kernel_file) {
-    PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*kernel_file));
-    PENUMBRA_TRY_VOID(attach_kernels_to_scene(loaded, kernels, kernel_file->string()));
-  }
-  return loaded;
 }
 
 namespace {
@@ -179,6 +170,9 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   }
   if (request.refined_camera) {
     PENUMBRA_TRY(outputs.refined_camera, OutputFile::create(*request.refined_camera));
+  }
+  if (request.saved_scene) {
+    PENUMBRA_TRY(outputs.saved_scene, OutputFile::create(*request.saved_scene));
   }
   if (request.poses) {
     PENUMBRA_TRY(outputs.poses, PoseWriter::create(*request.poses, request.poses_all));
@@ -291,6 +285,14 @@ Result<void> RunOutputs::write_refined(const TagMap& map, const CameraModel& cam
     files.push_back(&*refined_camera);
   }
   return commit_together(files);
+}
+
+Result<void> RunOutputs::write_scene(const Session& session) {
+  if (!saved_scene) return {};
+  const fs::path& file = saved_scene->target();
+  auto text = session.scene_text(is_stream(file) ? fs::path() : file.parent_path());
+  if (!text) return fail_in(file.string(), text.error());
+  return write_text(*saved_scene, *text);
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {

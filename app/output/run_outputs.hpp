@@ -35,6 +35,7 @@ struct OutputRequest {
   std::optional<std::filesystem::path> report;
   std::optional<std::filesystem::path> refined_map;     // tags.yaml
   std::optional<std::filesystem::path> refined_camera;  // camera.yaml
+  std::optional<std::filesystem::path> saved_scene;     // *.json, at the end of the run
 };
 
 // Fails if an output would replace another output or one of `taken`, the files that the run reads.
@@ -57,6 +58,7 @@ struct RunOutputs {
   std::optional<OutputFile> report;
   std::optional<OutputFile> refined_map;
   std::optional<OutputFile> refined_camera;
+  std::optional<OutputFile> saved_scene;
 
   // Writes one frame and adds the encoding times since the previous call to `run`. `pixels`: empty
   // without `frames`. If an output fails (full disk), it is closed with its content so far and the
@@ -73,6 +75,8 @@ struct RunOutputs {
   // Writes the refined map and camera, both or neither.
   [[nodiscard]] Result<void> write_refined(const TagMap& map, const CameraModel& camera,
                                            const CalibrationRecord* record);
+  // Writes the session's arrangement as a scene file.
+  [[nodiscard]] Result<void> write_scene(const Session& session);
   // Returns true if any output is written per frame.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty() || frame_log; }
 };
@@ -121,10 +125,6 @@ void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
 [[nodiscard]] std::optional<std::vector<std::string>> wanted_groups(
     const Scene& scene, const TagMap& tags, const std::filesystem::path& tags_file,
     const OutputRequest& request, bool skip);
-
-// Loads the scene. The kernel file replaces the kernels of casters that have its vertex count.
-[[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
-                                           const std::optional<std::filesystem::path>& kernel_file);
 
 // Opens a window for an image of this size [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync);

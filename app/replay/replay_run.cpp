@@ -17,6 +17,7 @@
 #include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
 #include "app/run/refined_files.hpp"
+#include "app/run/run_scene.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/map_refinement.hpp"
@@ -41,6 +42,7 @@ constexpr int kEncodeAhead = 2;  // queue length between drawing and encoding [f
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
+  for (const ObjectRequest& object : request.objects) taken.push_back(object.file);
   if (request.tags) taken.push_back(*request.tags);
   taken.push_back(recording.camera_file);
   for (const fs::path& file : files_of(recording)) taken.push_back(file);
@@ -196,8 +198,9 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
     setup.tags =
         tags_in_use(request.tags.value_or(recording.folder / "tags.yaml"), *recording.tags);
   }
-  PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
-  const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
+  PENUMBRA_TRY(const auto loaded,
+               load_run_scene(request, recording.tags ? &*recording.tags : nullptr));
+  const auto& scene = loaded.scene;
   PENUMBRA_TRY(auto poses, open_replay_poses(request, recording, *scene));
   if (recording.tags && !request.poses_from) {
     PENUMBRA_TRY(setup.residual_watch, ResidualWatch::create(*recording.camera, *recording.tags));
@@ -211,6 +214,7 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   if (plans.empty()) plans.push_back(request.plan);
   log_scene_warnings(*scene, plans);
   PENUMBRA_TRY(setup.events, load_events(request, recording));
+  PENUMBRA_TRY_VOID(load_added_models(setup.events, *scene, recording.folder / "events.jsonl"));
   PENUMBRA_TRY_VOID(check_outputs(request, recording));
   PENUMBRA_TRY(setup.source, open_frames(request, recording));
 
@@ -407,6 +411,10 @@ Result<RunReport> ReplayLoop::finish() {
     if (!written && !failure_) failure_ = written.error();
   }
   RunReport report = this->report();
+  if (const auto written = setup_.outputs.write_scene(setup_.view->first_session());
+      !written && !failure_) {
+    failure_ = written.error();
+  }
   report.failure = std::move(failure_);
   if (auto written = setup_.outputs.write_report(report); !written && !report.failure) {
     report.failure = written.error();

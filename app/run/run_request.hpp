@@ -3,9 +3,11 @@
 
 #include <filesystem>
 #include <optional>
+#include <vector>
 
 #include "app/output/run_outputs.hpp"
 #include "app/report/run_report.hpp"
+#include "app/session/placed_object.hpp"
 #include "app/session/session.hpp"
 #include "app/window/viewer.hpp"
 #include "render/gl/context.hpp"
@@ -16,6 +18,7 @@ namespace penumbra {
 struct RunRequest : OutputRequest, SessionOptions {
   RunRequest() { video_light = true; }
   std::filesystem::path scene;
+  std::vector<ObjectRequest> objects;  // added to the scene
   // Kernels for the casters with the file's number of vertices.
   std::optional<std::filesystem::path> kernel_file;
   TrackerOptions tracking;

@@ -272,7 +272,7 @@ TEST(Window, NeverSavesIntoPlayedRecording) {
         std::vector<std::string>{"replay", played.string(), "--compare", "none,layered"}}) {
     SCOPED_TRACE(command.front() + " " + command.back());
     std::vector<std::string> words = {(source_dir() / "tests" / "support" / "press-keys").string(),
-                                      "+" + poses + ".partial* r 0.15 s 0.15 Escape",
+                                      "+" + poses + ".partial* r 0.15 s 0.15 w 0.15 Escape",
                                       program().string()};
     words.insert(words.end(), command.begin(), command.end());
     words.insert(words.end(), {"--poses", poses, "--log-level", "info"});
@@ -285,6 +285,29 @@ TEST(Window, NeverSavesIntoPlayedRecording) {
     }
     EXPECT_EQ(names(), before);
   }
+}
+
+// The key W writes the arrangement into the current folder, as --save-scene does at the end.
+TEST(Window, SavesSceneByKey) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  const TemporaryFolder folder;
+  const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
+  fs::copy(source_dir() / "scenes/models/tree.glb", path("tree.glb"));
+  const ProgramResult live = run_program(
+      source_dir() / "tests" / "support" / "with-display",
+      {(source_dir() / "tests" / "support" / "press-keys").string(),
+       "+live.tum.partial* w +penumbra-*.json Escape", program().string(), "live", "--camera",
+       "recording:" + bundled("tabletop"), "--object", path("tree.glb"), "--poses",
+       path("live.tum"), "--save-scene", path("end.json"), "--duration", "120"},
+      {}, folder.path());
+  ASSERT_EQ(live.exit_code, 0) << live.err;
+  std::vector<fs::path> saved;
+  for (const auto& entry : fs::directory_iterator(folder.path())) {
+    if (entry.path().filename().string().starts_with("penumbra-")) saved.push_back(entry.path());
+  }
+  ASSERT_EQ(saved.size(), 1U);
+  EXPECT_EQ(bytes_of(saved.front()), bytes_of(path("end.json")));
+  EXPECT_NE(bytes_of(path("end.json")).find("\"model\": \"tree.glb\""), std::string::npos);
 }
 
 }  // namespace

@@ -1,0 +1,31 @@
+#include "app/run/run_scene.hpp"
+
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <utility>
+
+#include "core/propagate.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+
+namespace penumbra {
+
+Result<RunScene> load_run_scene(const RunRequest& request, const TagMap* tags) {
+  PENUMBRA_TRY(Scene scene, load_scene(request.scene));
+  RunScene loaded;
+  for (const ObjectRequest& object : request.objects) {
+    PENUMBRA_TRY(NewObject added, load_object(object, scene, sheet_area(tags)));
+    fmt::print("object: {}: {}\n", object.file.string(), added.description);
+    apply(scene, added.edit);
+    loaded.added.push_back(std::move(added.edit));
+  }
+  std::fflush(stdout);
+  if (request.kernel_file) {
+    PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*request.kernel_file));
+    PENUMBRA_TRY_VOID(attach_kernels_to_scene(scene, kernels, request.kernel_file->string()));
+  }
+  loaded.scene = std::make_shared<const Scene>(std::move(scene));
+  return loaded;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,201 @@
+// --object and --save-scene.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "replay/replay_support.hpp"
+#include "support/replay_tracking.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+std::string bundled_model(const char* name) {
+  return (source_dir() / "scenes" / "models" / name).string();
+}
+
+class ObjectOption : public testing::Test {
+ protected:
+  [[nodiscard]] std::string path(const std::string& name) const {
+    return (folder_.path() / name).string();
+  }
+  // Replays 3 frames; returns the images.
+  std::map<std::string, std::string> replay(const std::string& name,
+                                            const std::vector<std::string>& more,
+                                            const std::string& recording = bundled("tabletop")) {
+    std::vector<std::string> words = {"replay",      recording,      "--frames",
+                                      "60:63",       "--output",     path(name),
+                                      "--no-window", "--poses-from", "groundtruth"};
+    words.insert(words.end(), more.begin(), more.end());
+    last_ = penumbra(words);
+    EXPECT_EQ(last_.exit_code, 0) << last_.err;
+    return contents_of(path(name));
+  }
+  // Writes a box of 80 x 60 x 40 units.
+  std::string write_obj(const char* name) {
+    std::ofstream file(path(name));
+    for (const int z : {0, 40}) {
+      for (const int y : {0, 60}) {
+        for (const int x : {0, 80}) file << fmt::format("v {} {} {}\n", x, y, z);
+      }
+    }
+    for (const char* face : {"1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"})
+      file << "f " << face << "\n";
+    return path(name);
+  }
+
+  TemporaryFolder folder_;
+  ProgramResult last_;
+};
+
+TEST_F(ObjectOption, ShowsModelAloneAndDescribesIt) {
+  const std::string toy = write_obj("toy.obj");
+  const auto shown = replay("shown", {"--object", toy});
+  ASSERT_EQ(shown.size(), 3U);
+  EXPECT_THAT(last_.out, HasSubstr("object: " + toy +
+                                   ": scale 0.001 (taken as millimetres), 4 cm high, at x "));
+  const auto table = replay("table", {"--scene", (source_dir() / "scenes/table.json").string()});
+  EXPECT_NE(shown, table);
+  const auto given = replay("given", {"--object", toy + ",unit=mm"});
+  EXPECT_EQ(given, shown);
+  EXPECT_NE(replay("large", {"--object", toy + ",height=0.1"}), shown);
+  EXPECT_NE(replay("moved", {"--object", toy + ",x=-0.2,y=0.1,z=0.02"}), shown);
+}
+
+TEST_F(ObjectOption, AddsToSceneOfSceneOption) {
+  const std::string scene = (source_dir() / "scenes/default.json").string();
+  const auto alone = replay("alone", {"--scene", scene});
+  const auto both = replay("both", {"--scene", scene, "--object", write_obj("toy.obj")});
+  const auto toy = replay("toy", {"--object", path("toy.obj")});
+  EXPECT_NE(both, alone);
+  EXPECT_NE(both, toy);
+}
+
+// The written scene shows the same frames, also from another folder.
+TEST_F(ObjectOption, SavesSceneThatShowsSameFrames) {
+  fs::create_directory(path("models"));
+  fs::create_directory(path("scenes"));
+  const std::string toy = write_obj("models/toy.obj");
+  fs::copy(bundled_model("tree.glb"), path("models/tree.glb"));
+  const std::string base = (source_dir() / "scenes/default.json").string();
+  const std::vector<std::vector<std::string>> runs = {
+      {"--object", toy, "--object", path("models/tree.glb") + ",height=0.12", "--object", toy},
+      {"--scene", base, "--object", toy, "--shadow", "walls"},
+      {"--object", path("models/tree.glb") + ",height=0.12", "--shadow", "walls", "--object", toy},
+      {"--scene", base, "--object", toy, "--shadow", "cocl"},
+  };
+  int number = 0;
+  for (std::vector<std::string> run : runs) {
+    SCOPED_TRACE(run.back());
+    const std::string saved = path(fmt::format("scenes/saved{}.json", ++number));
+    run.insert(run.end(), {"--save-scene", saved});
+    const auto seen = replay(fmt::format("seen{}", number), run);
+    EXPECT_THAT(last_.out, HasSubstr(saved));
+    EXPECT_THAT(bytes_of(saved),
+                AllOf(HasSubstr("\"../models/toy.obj\""), Not(HasSubstr("\": \"/"))));
+    const auto again = replay(fmt::format("again{}", number), {"--scene", saved});
+    EXPECT_EQ(seen.size(), 3U);
+    EXPECT_EQ(again, seen);
+    EXPECT_THAT(last_.err, Not(HasSubstr("error")));
+  }
+}
+
+TEST_F(ObjectOption, SavesSceneToStandardOutput) {
+  (void)replay("frames", {"--object", write_obj("toy.obj"), "--save-scene", "-"});
+  EXPECT_THAT(last_.out, testing::StartsWith("{"));
+  EXPECT_THAT(last_.err, HasSubstr("object: "));
+}
+
+TEST_F(ObjectOption, ReportsProblemsInOneLine) {
+  const auto error = [this](const std::string& object, int exit_code) {
+    const ProgramResult result =
+        penumbra({"replay", bundled("tabletop"), "--frames", "60:61", "--no-window", "--poses-from",
+                  "groundtruth", "--object", object});
+    EXPECT_EQ(result.exit_code, exit_code) << object;
+    EXPECT_EQ(lines_of(result.err).size(), 1U) << result.err;
+    return result.err;
+  };
+  EXPECT_THAT(error(path("missing.glb"), 1), HasSubstr("missing.glb"));
+  std::ofstream(path("empty.obj")) << "";
+  EXPECT_THAT(error(path("empty.obj"), 1), HasSubstr("empty.obj"));
+  std::ofstream(path("point.obj")) << "v 1 1 1\nf 1 1 1\n";
+  EXPECT_THAT(error(path("point.obj"), 1), HasSubstr("point.obj: has no size"));
+  EXPECT_THAT(error((source_dir() / "README.md").string(), 1), HasSubstr("README.md"));
+  const std::string toy = write_obj("toy,1.obj");
+  EXPECT_THAT(
+      error(toy + ",heigth=0.1", 2),
+      AllOf(HasSubstr("--object: heigth: no such key; known: height, scale, unit, x, y, z")));
+  EXPECT_THAT(error(toy + ",height", 2), HasSubstr("height=: give metres from 0.001 to 10"));
+  EXPECT_THAT(error(toy + ",height=tall", 2), HasSubstr("height=tall: give metres"));
+  EXPECT_THAT(error(toy + ",x=nan", 2), HasSubstr("x=nan: give metres"));
+  EXPECT_THAT(error(toy + ",x=1,x=2", 2), HasSubstr("x: is given twice"));
+  EXPECT_THAT(error(toy + ",unit=ft", 2), HasSubstr("unit=ft: is none of mm, cm, m and in"));
+  EXPECT_THAT(error(toy + ",height=0.1,scale=2", 2), HasSubstr("leave out scale"));
+  EXPECT_THAT(error(",height=1", 2), HasSubstr("name a model file first"));
+  EXPECT_EQ(penumbra({"demo", "--object", toy + ",wide=1"}).exit_code, 2);
+  EXPECT_EQ(penumbra({"replay", bundled("tabletop"), "--save-scene", path("scene.txt")}).exit_code,
+            2);
+}
+
+TEST_F(ObjectOption, DemoShowsObject) {
+  const ProgramResult demo = penumbra(
+      {"demo", "--no-window", "--object", write_obj("toy.obj"), "--output", path("a.mkv")});
+  EXPECT_EQ(demo.exit_code, 0) << demo.err;
+  EXPECT_THAT(demo.out, HasSubstr("toy.obj: scale 0.001"));
+}
+
+// A recorded session contains its added objects: a replay without options shows the same frames.
+TEST_F(ObjectOption, RecordsObjectsForReplay) {
+  const std::string toy = write_obj("toy.obj");
+  const ProgramResult live = penumbra(
+      {"live", "--camera", "recording:" + bundled("tabletop"), "--object", toy, "--record",
+       path("session"), "--output", path("live"), "--poses", path("live.tum"), "--poses-all",
+       "--fps", "10", "--duration", "2", "--no-window", "--save-scene", path("saved.json")});
+  ASSERT_EQ(live.exit_code, 0) << live.err;
+  const auto seen = contents_of(path("live"));
+  ASSERT_GT(seen.size(), 3U);
+  const auto listed = list_frames(path("session"));
+  ASSERT_TRUE(listed) << listed.error().message;
+  const auto replayed = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"replay",   path("session"), "--poses-from", path("live.tum"),
+                                      "--output", path(name),      "--no-window"};
+    words.insert(words.end(), more.begin(), more.end());
+    last_ = penumbra(words);
+    EXPECT_EQ(last_.exit_code, 0) << last_.err;
+    return contents_of(path(name));
+  };
+  const auto without_options = replayed("without", {});
+  int compared = 0;
+  for (std::size_t i = 0; i < listed->size(); ++i) {
+    const auto age_ns =
+        static_cast<double>((*listed)[i].timestamp_ns - listed->front().timestamp_ns);
+    const auto image = seen.find(fmt::format("{:06}.png", std::lround(age_ns * 1e-8)));
+    if (image == seen.end()) continue;
+    EXPECT_EQ(image->second, without_options.at(fmt::format("{:06}.png", i))) << i;
+    ++compared;
+  }
+  EXPECT_GT(compared, 3);
+  EXPECT_EQ(replayed("saved", {"--scene", path("saved.json"), "--no-edits"}), without_options);
+  // A model that moved is named again.
+  fs::create_directory(path("other"));
+  fs::rename(toy, path("other/toy.obj"));
+  EXPECT_EQ(replayed("named", {"--object", path("other/toy.obj")}), without_options);
+  const ProgramResult missing = penumbra({"replay", path("session"), "--no-window"});
+  EXPECT_EQ(missing.exit_code, 1);
+  EXPECT_THAT(missing.err, AllOf(HasSubstr("events.jsonl"), HasSubstr("toy.obj"),
+                                 HasSubstr("--object"), HasSubstr("--no-edits")));
+}
+
+}  // namespace
+}  // namespace penumbra::test
