@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "app/logging.hpp"
 #include "core/propagate.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
 
@@ -20,6 +21,10 @@ Result<RunScene> load_run_scene(const RunRequest& request, const TagMap* tags) {
     loaded.added.push_back(std::move(added.edit));
   }
   std::fflush(stdout);
+  if (!request.objects.empty() && scene.shadows.empty()) {
+    log_warning("{}: has no shadow node, so added objects cast no shadow; add one to \"shadows\"",
+                request.scene.string());
+  }
   if (request.kernel_file) {
     PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*request.kernel_file));
     PENUMBRA_TRY_VOID(attach_kernels_to_scene(scene, kernels, request.kernel_file->string()));

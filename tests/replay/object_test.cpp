@@ -82,6 +82,12 @@ TEST_F(ObjectOption, AddsToSceneOfSceneOption) {
   EXPECT_NE(both, toy);
 }
 
+TEST_F(ObjectOption, WarnsIfSceneHasNoShadowNode) {
+  (void)replay("shown",
+               {"--scene", empty_scene_in(folder_.path()), "--object", write_obj("toy.obj")});
+  EXPECT_THAT(last_.err, HasSubstr("empty.json: has no shadow node, so added objects cast no"));
+}
+
 // The written scene shows the same frames, also from another folder.
 TEST_F(ObjectOption, SavesSceneThatShowsSameFrames) {
   fs::create_directory(path("models"));
