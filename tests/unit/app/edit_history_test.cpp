@@ -1,10 +1,13 @@
 // Added objects, undo and reset in a session.
 #include "app/session/edit_history.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <random>
+#include <utility>
 #include <vector>
 
 #include "app/run/session_host.hpp"
@@ -105,6 +108,55 @@ TEST_F(History, ResetsAndRevertsReset) {
   EXPECT_EQ(object(0).placement.position.x(), 0.2);
   EXPECT_FALSE(object(1).removed);
   EXPECT_EQ(object(1).placement.position.x(), 0.15);
+}
+
+// Any sequence of moves, added objects and resets can be undone completely, one change at a time.
+TEST_F(History, RevertsRandomSequencesCompletely) {
+  std::mt19937 random(7);
+  const ObjectAdded added = toy();
+  const auto arrangement = [this] {
+    std::vector<std::pair<Placement, bool>> places;
+    for (const SceneObject& of_scene : session->view().scene->objects)
+      places.emplace_back(of_scene.placement, of_scene.removed);
+    return places;
+  };
+  for (int sequence = 0; sequence < 20; ++sequence) {
+    SCOPED_TRACE(sequence);
+    session.emplace(start_session());
+    history = EditHistory();
+    std::vector<std::vector<std::pair<Placement, bool>>> states = {arrangement()};
+    int count = 0;  // of added objects
+    for (int step = 0; step < 10; ++step) {
+      const auto& objects = session->view().scene->objects;
+      switch (random() % 8) {
+        case 0: {
+          ObjectAdded next = added;
+          next.object = fmt::format("toy {}", ++count);
+          ASSERT_TRUE(session->edit(next));
+          history.note_added(next.object);
+          // Before it was added, the object was as if it were removed.
+          for (auto& state : states) state.emplace_back(next.placement, true);
+          break;
+        }
+        case 1:
+          (void)history.reset(*session);
+          break;
+        default: {
+          const SceneObject& moved = objects[random() % objects.size()];
+          if (moved.removed) continue;
+          move(moved.name, 0.001 * static_cast<double>(random() % 1000));
+          break;
+        }
+      }
+      if (arrangement() != states.back()) states.push_back(arrangement());
+    }
+    while (states.size() > 1) {
+      states.pop_back();
+      (void)history.undo(*session);
+      ASSERT_EQ(arrangement(), states.back());
+    }
+    EXPECT_EQ(object(0).animation.spin_turns_per_s, 0.01);
+  }
 }
 
 TEST_F(History, DrawsAddedObjectUntilItIsRemoved) {
