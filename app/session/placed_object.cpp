@@ -210,7 +210,7 @@ Result<NewObject> load_object(const ObjectRequest& request, const Scene& scene,
   const Eigen::Vector3d at =
       (1e3 * (placed_model(model, place.placement) * to_eigen(middle))).array().round() / 1e3 + 0.0;
   object.description =
-      fmt::format("scale {:.4g} ({}), {:.3g} cm high, at x {:.3f}, y {:.3f} m",
+      fmt::format("scale {:.4g} ({}), {:.1f} cm high, at x {:.3f}, y {:.3f} m",
                   place.placement.scale, place.size_source, 1e2 * place.height_m, at.x(), at.y());
   object.edit.model = std::make_shared<const Model>(std::move(model));
   return object;

@@ -64,7 +64,7 @@ TEST_F(ObjectOption, ShowsModelAloneAndDescribesIt) {
   const auto shown = replay("shown", {"--object", toy});
   ASSERT_EQ(shown.size(), 3U);
   EXPECT_THAT(last_.out, HasSubstr("object: " + toy +
-                                   ": scale 0.001 (taken as millimetres), 4 cm high, at x "));
+                                   ": scale 0.001 (taken as millimetres), 4.0 cm high, at x "));
   const auto table = replay("table", {"--scene", (source_dir() / "scenes/table.json").string()});
   EXPECT_NE(shown, table);
   const auto given = replay("given", {"--object", toy + ",unit=mm"});
