@@ -314,8 +314,31 @@ TEST_P(BundledScene, CompositedFrameMatchesGolden) {
       image_of(studio.draw(view->frame, plan))));
 }
 
+// The empty table, which --object puts models on.
+TEST(TableScene, ShowsAddedObjectWithLayeredShadow) {
+  const auto view = half_size_view("tabletop", 60);
+  ASSERT_TRUE(view) << view.error().message;
+  auto scene = load_scene(test::source_dir() / "scenes" / "table.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(scene->warnings.empty());
+  auto model = load_model(test::source_dir() / "scenes" / "models" / "tree.glb");
+  ASSERT_TRUE(model) << model.error().message;
+  SceneObject tree;
+  tree.name = "tree";
+  tree.model = std::make_shared<const Model>(std::move(*model));
+  tree.placement.position = {0.19, 0.0, 0.0};
+  add_object(*scene, std::move(tree));
+  const auto shown = std::make_shared<const Scene>(std::move(*scene));
+  const SceneState state = lit(*shown, *view, 2.0);
+  Studio studio(shown, view->camera);
+  const FramePlan plan =
+      plan_frame(*shown, state, test::tracked(view->T_table_camera), view->camera, {});
+  EXPECT_TRUE(
+      matches_golden("table__tabletop__layered__000060", image_of(studio.draw(view->frame, plan))));
+}
+
 TEST(BundledSceneList, HasGoldenImageAndReadmeLineForEveryScene) {
-  std::set<std::string> with_golden_image = {"default"};
+  std::set<std::string> with_golden_image = {"default", "table"};
   for (const SceneCase& c : kSceneCases) with_golden_image.insert(c.scene);
   std::ifstream stream(test::source_dir() / "README.md");
   const std::string readme((std::istreambuf_iterator<char>(stream)),
