@@ -184,7 +184,7 @@ TEST(PlacedObject, RejectsModelsWithoutUsableSize) {
   EXPECT_THAT(error(far, request_for("a.glb")), HasSubstr("too far from the origin"));
 }
 
-// What stands above or below the object's place does not count, and neither does what was removed.
+// Objects above or below the place, and removed ones, do not block it.
 TEST(PlacedObject, AvoidsOnlyWhatItWouldTouch) {
   const Model model = box_from({0, 0, 0}, {0.1, 0.1, 0.1});
   const auto middle_with = [&](double bottom, double top, bool removed) {
