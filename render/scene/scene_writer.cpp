@@ -135,7 +135,15 @@ void SceneWriter::write_objects() {
       const auto start = std::ranges::find(start_.objects, name, &SceneObject::name);
       PENUMBRA_ASSERT(moved != now_.objects.end() && start != start_.objects.end());
       if (!is_moved(*moved, *start)) continue;
-      entry.erase("animation");
+      // A moved object keeps the animation of its model.
+      if (const auto animation = entry.find("animation");
+          animation != entry.end() && animation->is_object()) {
+        if (animation->contains("model")) {
+          *animation = Json((*animation)["model"]);
+        } else {
+          entry.erase(animation);
+        }
+      }
       entry.erase("tag_group");
       put_placement(entry, moved->placement);
     }

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "render/model/animated_model.hpp"
+#include "render/scene/scene_writer.hpp"
 #include "support/animated_gltf.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
@@ -174,6 +175,30 @@ TEST_F(AnimatedScene, CombinesAnimationOfModelWithKeyframes) {
   const SceneState state = evaluate_scene(*scene, 5.0);
   EXPECT_DOUBLE_EQ(state.objects[0].position.x(), 0.5);
   EXPECT_DOUBLE_EQ(state.poses.at(0), 1.0);
+}
+
+TEST_F(AnimatedScene, IsWrittenWithItsAnimationAfterAMove) {
+  const nlohmann::json keyframes = {{{"time_s", 0}}, {{"time_s", 8}, {"position", {0.8, 0, 0}}}};
+  for (const nlohmann::json& animation :
+       {nlohmann::json("Rise"), nlohmann::json(1),
+        nlohmann::json{{"model", "Rise"}, {"keyframes", keyframes}, {"loop", false}}}) {
+    const auto start = scene_of(
+        {{"name", "a"}, {"model", "column.glb"}, {"animation", animation}, {"speed", 2.0}});
+    ASSERT_TRUE(start) << start.error().message;
+    Scene moved = *start;
+    moved.objects[0].placement.position = {0.1, 0.2, 0.0};
+    moved.objects[0].animation = Animation();
+    const auto text = scene_text({moved, *start, {}, std::nullopt}, folder_.path());
+    ASSERT_TRUE(text) << text.error().message;
+    write("written.json", *text);
+    const auto read = load_scene(folder_.path() / "written.json");
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(read->objects[0].placement.position, moved.objects[0].placement.position);
+    EXPECT_TRUE(read->objects[0].animation.keyframes.empty());
+    ASSERT_TRUE(read->objects[0].playback.model) << *text;
+    EXPECT_EQ(read->objects[0].playback.model->end_s(), 4.0);
+    EXPECT_EQ(read->objects[0].playback.speed, 2.0);
+  }
 }
 
 TEST_F(AnimatedScene, ReportsWrongKeys) {
