@@ -306,7 +306,7 @@ class StillView {
     arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / mouse_script, results,
                                          positions, program().string()});
     return run_program(source_dir() / "tests" / "support" / "with-display", arguments,
-                       {kSanitized ? "PENUMBRA_TEST_PAUSE=0.5" : "PENUMBRA_TEST_PAUSE=0.05"});
+                       {fmt::format("PENUMBRA_TEST_PAUSE={}", 0.05 * kSlowness)});
   }
 
  private:
