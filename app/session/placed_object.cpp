@@ -33,12 +33,6 @@ struct ChosenSize {
   std::string source;
 };
 
-std::string length_text(double length_m) {
-  if (length_m < 0.01) return fmt::format("{:.3g} mm", 1e3 * length_m);
-  if (length_m < 1.0) return fmt::format("{:.3g} cm", 1e2 * length_m);
-  return fmt::format("{:.4g} m", length_m);
-}
-
 bool is_plausible(double longest_m) {
   return longest_m >= kSmallestEdge_m && longest_m <= kLargestEdge_m;
 }
@@ -68,7 +62,7 @@ Result<ChosenSize> choose_size(const Eigen::Vector3d& extent, const ObjectReques
   // Three digits, because a saved scene shows this number.
   const double scale = kFittedEdge_m / longest;
   return ChosenSize{parse_number(fmt::format("{:.3g}", scale)).value_or(scale),
-                    "scaled to fit, from " + length_text(longest)};
+                    "scaled to fit, from " + size_text(longest)};
 }
 
 // Returns the boxes of the scene's objects at its start, table frame.
@@ -159,7 +153,7 @@ Result<PlaceOnTable> place_on_table(const Model& model, const ObjectRequest& req
     return fail(
         "{}: is {} long, which a scale from {:g} to {:g} can't bring to the table's size; "
         "export it in metres",
-        file, length_text(box.sizes().maxCoeff()), kMinScale, kMaxScale);
+        file, size_text(box.sizes().maxCoeff()), kMinScale, kMaxScale);
   }
   const Eigen::Vector3d size = chosen.scale * box.sizes();
   const double bottom = request.z_m.value_or(std::max(0.0, kThinnest_m - size.z()));

@@ -9,11 +9,6 @@
 namespace penumbra {
 namespace {
 
-std::string length_text(double length_m) {
-  return length_m < 0.01 ? fmt::format("{:.3g} mm", 1e3 * length_m)
-                         : fmt::format("{:.3g} m", length_m);
-}
-
 // Returns the first unit in which a length of `count` units is between `low` and `high` [m].
 const LengthUnit* unit_between(double count, double low, double high) {
   const auto unit = std::ranges::find_if(kLengthUnits, [&](const LengthUnit& candidate) {
@@ -29,6 +24,11 @@ const LengthUnit* likely_unit(double count) {
 
 }  // namespace
 
+std::string size_text(double length_m) {
+  return length_m < 0.01 ? fmt::format("{:.3g} mm", 1e3 * length_m)
+                         : fmt::format("{:.3g} m", length_m);
+}
+
 std::optional<std::string> warning_of_size(const Model& model, const ModelSize& size,
                                            const std::string& subject) {
   const glm::dvec3 extent = glm::dvec3(model.max_corner) - glm::dvec3(model.min_corner);
@@ -36,7 +36,7 @@ std::optional<std::string> warning_of_size(const Model& model, const ModelSize& 
   const double length = longest * size.scale;
   if (!std::isfinite(length) || !(length > 0.0)) return std::nullopt;
   if (length <= kLargestOnTable && length >= kSmallestOnTable) return std::nullopt;
-  const std::string start = fmt::format("{}: is {} {}", subject, length_text(length),
+  const std::string start = fmt::format("{}: is {} {}", subject, size_text(length),
                                         extent.z == longest ? "high" : "wide");
   const bool scene = size.remedy == SizeRemedy::scene_scale;
   // A scene's scale may already convert the unit, so the unit is guessed from the unscaled length.

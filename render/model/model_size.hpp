@@ -42,6 +42,9 @@ struct ModelSize {
   SizeRemedy remedy = SizeRemedy::unit_option;
 };
 
+// Returns a length in mm below 1 cm, else in m: "3.2 mm", "0.4 m".
+[[nodiscard]] std::string size_text(double length_m);
+
 // Returns a warning, beginning with `subject`, if the model is larger than kLargestOnTable or
 // smaller than kSmallestOnTable: its size, the likely unit and the remedy. Returns nullopt for a
 // model without extent.
