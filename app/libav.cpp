@@ -44,7 +44,7 @@ template <class F>
 Result<void> find_function(void* library, const char* name, F& function) {
   void* const found = dlsym(library, name);
   if (found == nullptr) {
-    return fail("video: {}; install version {} of libavcodec, with its libraries", dlerror(),
+    return fail("video: {}; install the release of libav with libavcodec.so.{}", dlerror(),
                 AV_STRINGIFY(LIBAVCODEC_VERSION_MAJOR));
   }
   function = reinterpret_cast<F>(found);
