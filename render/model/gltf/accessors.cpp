@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/propagate.hpp"
-#include "render/model/gltf/meshopt.hpp"
+#include "render/model/gltf/compression/meshopt.hpp"
 
 namespace penumbra::gltf {
 namespace {

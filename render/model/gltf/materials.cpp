@@ -4,8 +4,8 @@
 #include <array>
 
 #include "core/propagate.hpp"
+#include "render/model/gltf/compression/webp.hpp"
 #include "render/model/gltf/extensions.hpp"
-#include "render/model/gltf/webp.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {

@@ -10,7 +10,7 @@
 
 #include "core/error.hpp"
 #include "render/model/gltf/accessors.hpp"
-#include "render/model/gltf/draco_meshes.hpp"
+#include "render/model/gltf/compression/draco_meshes.hpp"
 #include "render/model/gltf/materials.hpp"
 #include "render/model/gltf/notes.hpp"
 

@@ -8,9 +8,9 @@
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "render/model/gltf/buffers.hpp"
+#include "render/model/gltf/compression/webp.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/gltf/extensions.hpp"
-#include "render/model/gltf/webp.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 

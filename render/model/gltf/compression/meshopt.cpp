@@ -1,4 +1,4 @@
-#include "render/model/gltf/meshopt.hpp"
+#include "render/model/gltf/compression/meshopt.hpp"
 
 #include <meshoptimizer.h>
 

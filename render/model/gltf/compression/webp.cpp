@@ -1,4 +1,4 @@
-#include "render/model/gltf/webp.hpp"
+#include "render/model/gltf/compression/webp.hpp"
 
 #include <webp/decode.h>
 

@@ -1,4 +1,4 @@
-#include "render/model/gltf/draco_meshes.hpp"
+#include "render/model/gltf/compression/draco_meshes.hpp"
 
 #include <draco/compression/decode.h>
 #include <draco/compression/point_cloud/point_cloud_decoder.h>
