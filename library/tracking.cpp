@@ -3,7 +3,7 @@
 #include <penumbra/tracking.hpp>
 #include <utility>
 
-#include "calib/survey/residual_watch.hpp"
+#include "calib/refinement/residual_watch.hpp"
 #include "core/geometry/tracking_reasons.hpp"
 #include "core/text/text.hpp"
 #include "library/support.hpp"

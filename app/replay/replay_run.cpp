@@ -25,7 +25,7 @@
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
-#include "calib/survey/residual_watch.hpp"
+#include "calib/refinement/residual_watch.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"

@@ -11,7 +11,7 @@
 #include "app/logging.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
-#include "calib/survey/residual_watch.hpp"
+#include "calib/refinement/residual_watch.hpp"
 #include "calib/survey/tag_corner_meter.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/propagate.hpp"

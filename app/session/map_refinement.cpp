@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "calib/survey/refined_record.hpp"
+#include "calib/refinement/refined_record.hpp"
 
 namespace penumbra {
 namespace {

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "calib/survey/keyframes.hpp"
-#include "calib/survey/map_refiner.hpp"
+#include "calib/refinement/keyframes.hpp"
+#include "calib/refinement/map_refiner.hpp"
 #include "calib/survey/row_time.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/camera_model.hpp"

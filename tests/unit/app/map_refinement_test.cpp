@@ -6,7 +6,7 @@
 #include <tuple>
 #include <vector>
 
-#include "calib/survey/residual_watch.hpp"
+#include "calib/refinement/residual_watch.hpp"
 #include "support/aligned_map.hpp"
 #include "support/hand_held_session.hpp"
 #include "support/rolling_camera.hpp"

@@ -1,5 +1,5 @@
 // Choice of the frames from which a tag map is refined.
-#include "calib/survey/keyframes.hpp"
+#include "calib/refinement/keyframes.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // Refinement of a tag map from keyframes, on images with exact truth.
-#include "calib/survey/map_refiner.hpp"
+#include "calib/refinement/map_refiner.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "calib/survey/residual_watch.hpp"
+#include "calib/refinement/residual_watch.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

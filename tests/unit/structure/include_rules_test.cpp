@@ -51,6 +51,7 @@ struct FolderRule {
 const std::vector<FolderRule>& folder_rules() {
   static const std::vector<FolderRule> rules = [] {
     constexpr std::pair<const char*, const char*> kRules[] = {
+        {"calib/survey/.*", "calib/refinement/.*"},
         {"render/shadow/.*", "render/passes/.*"},
         {"render/(scene|model)/.*", "render/shadow/.*"},
         {"render/gl/.*", "render/(?!gl/).*"},

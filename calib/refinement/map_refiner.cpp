@@ -1,4 +1,4 @@
-#include "calib/survey/map_refiner.hpp"
+#include "calib/refinement/map_refiner.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "calib/survey/refined_record.hpp"
+#include "calib/refinement/refined_record.hpp"
 
 #include <fmt/chrono.h>
 

@@ -1,4 +1,4 @@
-#include "calib/survey/keyframes.hpp"
+#include "calib/refinement/keyframes.hpp"
 
 #include <algorithm>
 #include <utility>

@@ -4,7 +4,7 @@
 #include <stop_token>
 #include <vector>
 
-#include "calib/survey/keyframes.hpp"
+#include "calib/refinement/keyframes.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
