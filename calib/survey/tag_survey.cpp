@@ -1,6 +1,5 @@
 #include "calib/survey/tag_survey.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -13,6 +12,7 @@
 #include "calib/solver/silence.hpp"
 #include "calib/survey/lens_refinement.hpp"
 #include "calib/survey/paper_shape.hpp"
+#include "calib/survey/table_plane.hpp"
 #include "calib/survey/tag_graph.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -25,139 +25,6 @@ namespace {
 // Camera response and blur shift a readable tag's edges by less than this. A larger solved shift is
 // wrong: together with the scale it compensates another error (board warp, lens).
 constexpr double kMaxEdgeShift_px = 0.5;
-constexpr double kMaxTilt = radians(6.0);  // maximum angle between tags of one table
-constexpr double kMaxHeightRatio = 0.03;   // maximum height over the plane / tag size
-
-double size_of(const SurveyOptions& options, int id) {
-  const auto named = options.sizes_m.find(id);
-  return named != options.sizes_m.end() ? named->second : options.tag_size_m.value_or(0.0);
-}
-
-// The plane through the centres of the tags on the table, in the anchor's frame.
-struct TablePlane {
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // rotation from anchor to table axes
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();    // table origin in the anchor's frame [m]
-};
-
-TablePlane plane_through(const Eigen::Matrix3Xd& centres) {
-  const Eigen::Vector3d middle = centres.rowwise().mean();
-  const Eigen::Matrix3Xd d = centres.colwise() - middle;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(d * d.transpose());
-  Eigen::Vector3d z = eigen.eigenvectors().col(0);
-  if (z.z() < 0.0) z = -z;
-  TablePlane plane;
-  const Eigen::Vector3d x = (Eigen::Vector3d::UnitX() - z.x() * z).normalized();
-  plane.turn.row(0) = x.transpose();
-  plane.turn.row(1) = z.cross(x).transpose();
-  plane.turn.row(2) = z.transpose();
-  plane.origin = z.dot(middle) * z;
-  return plane;
-}
-
-// Returns the ids of tags coplanar with the anchor and with the same normal. Starts from tags near
-// the anchor's plane, then repeats with the plane fitted to the tags found.
-std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyOptions& options) {
-  const int anchor = options.anchor;
-  if (options.plane == SurveyPlane::anchor) return {anchor};
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
-  Eigen::Vector3d on_plane = Eigen::Vector3d::Zero();
-  double slack = std::tan(kMaxTilt);  // tolerance for the error of the normal
-  std::vector<int> members;
-  for (int round = 0; round < 4; ++round) {
-    members.clear();
-    for (const auto& [id, pose] : tags) {
-      const Eigen::Vector3d d = pose.translation() - on_plane;
-      const double facing = (pose.rotation() * Eigen::Vector3d::UnitZ()).dot(normal);
-      const double limit = kMaxHeightRatio * size_of(options, id) + slack * d.norm();
-      if (facing > std::cos(kMaxTilt) && std::abs(normal.dot(d)) < limit) members.push_back(id);
-    }
-    if (members.size() < 3) return {anchor};
-    Eigen::Matrix3Xd centres(3, members.size());
-    for (std::size_t i = 0; i < members.size(); ++i)
-      centres.col(static_cast<Eigen::Index>(i)) = tags.at(members[i]).translation();
-    const Eigen::Matrix3Xd around = centres.colwise() - centres.rowwise().mean();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(around * around.transpose());
-    // Collinear tags do not define a plane.
-    if (eigen.eigenvalues()[1] < std::pow(0.5 * size_of(options, anchor), 2)) return {anchor};
-    const TablePlane plane = plane_through(centres);
-    normal = plane.turn.row(2).transpose();
-    on_plane = plane.origin;
-    slack = 0.0;
-  }
-  return members;
-}
-
-// Transforms tags, cameras and covariance from the anchor's frame to the table's. `tags`:
-// T_anchor_tag of survey.tags. `on_plane`: ids of the tags on the table.
-void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
-                        const GraphCovariance& found, const std::vector<int>& on_plane,
-                        int anchor) {
-  const auto n = static_cast<Eigen::Index>(tags.size());
-  Eigen::Matrix3Xd centres(3, n);
-  std::vector<Eigen::Index> members;  // columns of `centres`
-  std::vector<int> ids;
-  for (const auto& [id, pose] : tags) {
-    const auto column = static_cast<Eigen::Index>(ids.size());
-    centres.col(column) = pose.translation();
-    if (std::ranges::binary_search(on_plane, id)) members.push_back(column);
-    ids.push_back(id);
-  }
-  const bool is_fitted = on_plane.size() >= 3;
-  const auto plane_of = [&](const Eigen::Matrix3Xd& at) {
-    return is_fitted ? plane_through(at(Eigen::all, members)) : TablePlane{};
-  };
-  const TablePlane plane = plane_of(centres);
-  const Transform<frame::Table, frame::Table> T_table_anchor(plane.turn,
-                                                             -(plane.turn * plane.origin));
-  // Derivative of the table frame's [rotation; origin], in its axes, with respect to the centres.
-  Eigen::MatrixXd plane_jacobian = Eigen::MatrixXd::Zero(6, 3 * n);
-  for (Eigen::Index c = 0; is_fitted && c < 3 * n; ++c) {
-    constexpr double kStep = 1e-6;  // [m]
-    if (ids[static_cast<std::size_t>(c / 3)] == anchor) continue;
-    Eigen::Matrix3Xd after = centres;
-    Eigen::Matrix3Xd before = centres;
-    after(c % 3, c / 3) += kStep;
-    before(c % 3, c / 3) -= kStep;
-    const TablePlane a = plane_of(after);
-    const TablePlane b = plane_of(before);
-    const Eigen::Matrix3d W = (a.turn - b.turn) * plane.turn.transpose() / (2.0 * kStep);
-    plane_jacobian.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
-    plane_jacobian.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
-  }
-  // First row of a tag in the covariance; the anchor has none.
-  const auto row_of = [&](int id) -> std::optional<Eigen::Index> {
-    const auto at = std::ranges::find(found.ids, id);
-    if (at == found.ids.end()) return std::nullopt;
-    return 6 * (at - found.ids.begin());
-  };
-  double heights = 0.0;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    SurveyedTag& tag = survey.tags[static_cast<std::size_t>(i)];
-    tag.tag.T_table_tag = T_table_anchor * tags.at(tag.tag.id);
-    const Eigen::Vector3d p = tag.tag.T_table_tag.translation();
-    if (std::ranges::binary_search(on_plane, tag.tag.id)) heights += p.z() * p.z();
-    // d tag / d positions: motions of the table frame, then the tag's motion in the anchor's frame.
-    Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, found.tags.cols());
-    for (Eigen::Index k = 0; k < n; ++k) {
-      const auto row = row_of(ids[static_cast<std::size_t>(k)]);
-      if (!row) continue;
-      const Eigen::MatrixXd turned = plane_jacobian.block(0, 3 * k, 3, 3);
-      J.block(0, *row, 3, 3) = -skew(p) * turned - plane_jacobian.block(3, 3 * k, 3, 3);
-      J.block(3, *row, 3, 3) = turned;
-    }
-    if (const auto tag_row = row_of(tag.tag.id)) {
-      J.block(0, *tag_row, 3, 3) += plane.turn;
-      J.block(3, *tag_row + 3, 3, 3) += plane.turn;
-    }
-    tag.covariance = J * found.tags * J.transpose();
-  }
-  for (auto& camera : survey.cameras) {
-    if (camera) camera = T_table_anchor * *camera;
-  }
-  survey.tags_on_plane = static_cast<int>(on_plane.size());
-  survey.flatness_m = std::sqrt(heights / static_cast<double>(on_plane.size()));
-  survey.plane_tilt_rad = std::acos(std::min(1.0, plane.turn(2, 2)));
-}
 
 // The used frames with their unique, completely visible tags.
 struct SurveyInput {
@@ -193,11 +60,11 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
     for (std::size_t i = 0; i < frame.tags.size(); ++i) {
       const TagDetection& tag = frame.tags[i];
       if (times[tag.id] > 1) continue;  // ambiguous
-      double size = size_of(options, tag.id);
+      double size = options.size_m(tag.id);
       if (size <= 0.0) {
         // The tag is not placed, but its size is estimated.
         input.without_size.insert(tag.id);
-        size = size_of(options, options.anchor);
+        size = options.size_m(options.anchor);
         if (size <= 0.0) continue;
       }
       const bool inside = std::ranges::all_of(tag.corners_px, [&](const Eigen::Vector2d& corner) {
@@ -369,7 +236,7 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
                                               int id, const SurveyOptions& options) {
   constexpr double kExplains = 0.5;  // maximum ratio of the errors with and without the explanation
   const bool sized = input.without_size.count(id) == 0;
-  const double nominal_m = size_of(options, sized ? id : options.anchor);
+  const double nominal_m = options.size_m(sized ? id : options.anchor);
   const auto any_size_fit = judge.fit(id, true);
   const auto given_size_fit = sized ? judge.fit(id, false) : any_size_fit;
   if (!any_size_fit || !given_size_fit) return std::nullopt;
@@ -588,7 +455,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   for (const auto& [id, pose] : graph.tags) {
     poses[id] = unpacked<frame::Table, frame::Tag>(pose);
     SurveyedTag& tag = result.tags.emplace_back();
-    tag.tag = {id, options.family, size_of(options, id), poses[id]};
+    tag.tag = {id, options.family, options.size_m(id), poses[id]};
     tag.frames = static_cast<int>(graph.sightings_of(id).size());
   }
   const std::vector<int> on_plane = tags_on_table(poses, options);

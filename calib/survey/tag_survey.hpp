@@ -45,6 +45,12 @@ struct SurveyOptions {
   // empty if unknown.
   std::vector<double> lens_sigmas;
   std::stop_token stop;  // once requested, the survey fails soon
+
+  // Size of a tag [m]; 0 if unknown.
+  [[nodiscard]] double size_m(int id) const {
+    const auto named = sizes_m.find(id);
+    return named != sizes_m.end() ? named->second : tag_size_m.value_or(0.0);
+  }
 };
 
 struct SurveyedTag {
