@@ -34,7 +34,7 @@ constexpr std::array kObjectNumbers = {
     ObjectNumber{"y", &ObjectRequest::y_m, -100.0, 100.0, "metres"},
     ObjectNumber{"z", &ObjectRequest::z_m, -100.0, 100.0, "metres"},
 };
-constexpr std::string_view kObjectKeys = "height, scale, unit, x, y, z";
+constexpr std::string_view kObjectKeys = "height, scale, unit, x, y, z, animation";
 
 // Sets what "key=value" says about an object.
 void set_object_key(const std::string& option, std::string_view setting, ObjectRequest& object) {
@@ -47,6 +47,12 @@ void set_object_key(const std::string& option, std::string_view setting, ObjectR
     if (unit == nullptr) usage_error(option, "unit={}: is none of mm, cm, m and in", value);
     if (object.unit_m) usage_error(option, "unit: is given twice; give it once");
     object.unit_m = unit->length_m;
+    return;
+  }
+  if (key == "animation") {
+    if (value.empty()) usage_error(option, "animation: give a name, an index or all");
+    if (!object.animation.empty()) usage_error(option, "animation: is given twice; give it once");
+    object.animation = value;
     return;
   }
   const auto number = std::ranges::find(kObjectNumbers, key, &ObjectNumber::key);
@@ -89,8 +95,7 @@ void add_object_option(CLI::App& command, std::vector<ObjectRequest>& objects) {
   };
   command
       .add_option_function<std::vector<std::string>>(
-          "--object", add,
-          fmt::format("Put a model on the table, alone or in --scene; keys: {}", kObjectKeys))
+          "--object", add, fmt::format("Put a model on the table; keys: {}", kObjectKeys))
       ->type_name("FILE[,KEY=VALUE...]")
       ->allow_extra_args(false);
 }

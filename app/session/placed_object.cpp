@@ -128,6 +128,26 @@ std::string name_of(const std::filesystem::path& file) {
   return name;
 }
 
+// A model that is not animated, or the shape at time 0 with its playback.
+struct LoadedModel {
+  std::shared_ptr<const Model> model;
+  Playback playback;
+};
+// `animation`: see ObjectRequest.
+Result<LoadedModel> load_model_or_animation(const std::filesystem::path& file,
+                                            const std::string& animation) {
+  LoadedModel loaded;
+  if (animation.empty()) {
+    PENUMBRA_TRY(Model model, load_model(file));
+    loaded.model = std::make_shared<const Model>(std::move(model));
+  } else {
+    PENUMBRA_TRY(loaded.playback.model, AnimatedModel::load(file, animation));
+    loaded.playback.animation = animation;
+    PENUMBRA_TRY(loaded.model, loaded.playback.model->at(loaded.playback.time_at(0.0)));
+  }
+  return loaded;
+}
+
 }  // namespace
 
 Eigen::AlignedBox2d sheet_area(const TagMap* tags) {
@@ -191,7 +211,8 @@ Result<PlaceOnTable> place_on_table(const Model& model, const ObjectRequest& req
 
 Result<NewObject> load_object(const ObjectRequest& request, const Scene& scene,
                               const Eigen::AlignedBox2d& sheet) {
-  PENUMBRA_TRY(Model model, load_model(request.file));
+  PENUMBRA_TRY(LoadedModel loaded, load_model_or_animation(request.file, request.animation));
+  const Model& model = *loaded.model;
   PENUMBRA_TRY(const PlaceOnTable place, place_on_table(model, request, scene, sheet));
   for (const std::string& warning : model.warnings) log_warning("{}", warning);
   std::error_code ignored;
@@ -206,32 +227,35 @@ Result<NewObject> load_object(const ObjectRequest& request, const Scene& scene,
   object.description =
       fmt::format("scale {:.4g} ({}), {:.1f} cm high, at x {:.3f}, y {:.3f} m",
                   place.placement.scale, place.size_source, 1e2 * place.height_m, at.x(), at.y());
-  object.edit.model = std::make_shared<const Model>(std::move(model));
+  object.edit.model = std::move(loaded.model);
+  object.edit.playback = std::move(loaded.playback);
   return object;
 }
 
 Result<void> load_added_models(SceneEvents& events, const Scene& scene,
                                const std::filesystem::path& events_file) {
-  std::map<std::string, std::shared_ptr<const Model>> models;
+  std::map<std::pair<std::string, std::string>, LoadedModel> models;  // by file and animation
   for (SceneEvent& event : events.edits) {
     auto* added = std::get_if<ObjectAdded>(&event.edit);
     if (added == nullptr) continue;
     const bool is_there =
         std::ranges::find(scene.objects, added->object, &SceneObject::name) != scene.objects.end();
     if (is_there) continue;
-    std::shared_ptr<const Model>& model = models[added->model_file];
-    if (model == nullptr) {
-      auto loaded = load_model(added->model_file);
+    const std::string& animation = added->playback.animation;
+    LoadedModel& known = models[{added->model_file, animation}];
+    if (known.model == nullptr) {
+      auto loaded = load_model_or_animation(added->model_file, animation);
       if (!loaded) {
         return fail(
             "{}: adds an object whose model is missing: {}; name the model with --object, "
             "or leave edits out with --no-edits",
             events_file.string(), loaded.error().message);
       }
-      for (const std::string& warning : loaded->warnings) log_warning("{}", warning);
-      model = std::make_shared<const Model>(std::move(*loaded));
+      for (const std::string& warning : loaded->model->warnings) log_warning("{}", warning);
+      known = std::move(*loaded);
     }
-    added->model = model;
+    added->model = known.model;
+    added->playback = known.playback;
   }
   return {};
 }

@@ -134,7 +134,11 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   placement.rotation.coeffs() = numbers_in<4>(json, "quaternion_xyzw");
   placement.scale = number_in(json, "scale");
   if (!usable(placement)) return std::nullopt;
-  if (event == kAdded) return ObjectAdded{object, text_in(json, "model"), placement, nullptr};
+  if (event == kAdded) {
+    ObjectAdded added{object, text_in(json, "model"), placement, nullptr};
+    added.playback.animation = text_in(json, "animation");
+    return added;
+  }
   return ObjectPlaced{object, placement, event == kRotated};
 }
 
@@ -210,6 +214,7 @@ bool apply_to(Scene& scene, const ObjectAdded& edit, Scene* start) {
   object.name = edit.object;
   object.model = edit.model;
   object.model_file = edit.model_file;
+  object.playback = edit.playback;
   object.placement = edit.placement;
   if (start == nullptr) {
     add_object(scene, std::move(object));
@@ -282,6 +287,7 @@ Json json_of(const ObjectAdded& added) {
   json["event"] = kAdded;
   json["object"] = added.object;
   json["model"] = added.model_file;
+  if (!added.playback.animation.empty()) json["animation"] = added.playback.animation;
   write_placement(json, added.placement);
   return json;
 }

@@ -35,6 +35,8 @@ struct ObjectAdded {
   std::string model_file;  // absolute path
   Placement placement;
   std::shared_ptr<const Model> model;  // null until it is loaded
+  // Only its model and its animation are recorded; the animation is empty for a rigid object.
+  Playback playback = {};
 };
 
 // Puts an object back to its place and animation at the start.

@@ -323,6 +323,7 @@ Result<void> SceneReader::read_playback(const Entry& from, const Entry& animatio
   }
   Playback& playback = object.playback;
   playback.model = known;
+  playback.animation = chosen;
   playback.speed = from.value.value("speed", playback.speed);
   playback.start_s = from.value.value("start", playback.start_s);
   playback.loop = from.value.value("loop", playback.loop);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "replay/replay_support.hpp"
+#include "support/animated_gltf.hpp"
 #include "support/replay_tracking.hpp"
 
 namespace penumbra::test {
@@ -54,6 +55,11 @@ class ObjectOption : public testing::Test {
       file << "f " << face << "\n";
     return path(name);
   }
+  // Writes a square that moves within two seconds.
+  std::string write_moving_square() {
+    std::ofstream(path("square.glb"), std::ios::binary) << moving_square().glb();
+    return path("square.glb");
+  }
 
   TemporaryFolder folder_;
   ProgramResult last_;
@@ -82,6 +88,19 @@ TEST_F(ObjectOption, AddsToSceneOfSceneOption) {
   EXPECT_NE(both, toy);
 }
 
+TEST_F(ObjectOption, PlaysAnimation) {
+  const std::string square = write_moving_square();
+  const auto rest = replay("rest", {"--object", square});
+  EXPECT_THAT(last_.err, HasSubstr("its animations (1) are not played"));
+  const auto played = replay("played", {"--object", square + ",animation=all"});
+  EXPECT_THAT(last_.err, Not(HasSubstr("not played")));
+  EXPECT_NE(played, rest);
+  EXPECT_EQ(replay("index", {"--object", square + ",animation=0"}), played);
+  std::ofstream(path("scene.json"))
+      << R"({"objects": [{"name": "square", "model": "square.glb", "animation": 0}]})";
+  EXPECT_NE(replay("scene", {"--scene", path("scene.json")}), rest);
+}
+
 TEST_F(ObjectOption, WarnsIfSceneHasNoShadowNode) {
   (void)replay("shown",
                {"--scene", empty_scene_in(folder_.path()), "--object", write_obj("toy.obj")});
@@ -100,6 +119,7 @@ TEST_F(ObjectOption, SavesSceneThatShowsSameFrames) {
       {"--scene", base, "--object", toy, "--shadow", "walls"},
       {"--object", path("models/tree.glb") + ",height=0.12", "--shadow", "walls", "--object", toy},
       {"--scene", base, "--object", toy, "--shadow", "cocl"},
+      {"--object", toy, "--object", write_moving_square() + ",animation=all"},
   };
   int number = 0;
   for (std::vector<std::string> run : runs) {
@@ -149,6 +169,12 @@ TEST_F(ObjectOption, ReportsProblemsInOneLine) {
   EXPECT_THAT(error(toy + ",unit=ft", 2), HasSubstr("unit=ft: is none of mm, cm, m and in"));
   EXPECT_THAT(error(toy + ",height=0.1,scale=2", 2), HasSubstr("leave out scale"));
   EXPECT_THAT(error(",height=1", 2), HasSubstr("name a model file first"));
+  EXPECT_THAT(error(toy + ",animation=", 2), HasSubstr("animation: give a name, an index or all"));
+  EXPECT_THAT(error(toy + ",animation=0,animation=0", 2), HasSubstr("animation: is given twice"));
+  EXPECT_THAT(error(toy + ",animation=walk", 1),
+              AllOf(HasSubstr("toy,1.obj"), HasSubstr("only glTF files")));
+  EXPECT_THAT(error(write_moving_square() + ",animation=walk", 1),
+              AllOf(HasSubstr("square.glb"), HasSubstr("has no animation \"walk\"")));
   EXPECT_EQ(penumbra({"demo", "--object", toy + ",wide=1"}).exit_code, 2);
   EXPECT_EQ(penumbra({"replay", bundled("tabletop"), "--save-scene", path("scene.txt")}).exit_code,
             2);
@@ -164,10 +190,27 @@ TEST_F(ObjectOption, DemoShowsObject) {
 // A recorded session contains its added objects: a replay without options shows the same frames.
 TEST_F(ObjectOption, RecordsObjectsForReplay) {
   const std::string toy = write_obj("toy.obj");
-  const ProgramResult live = penumbra(
-      {"live", "--camera", "recording:" + bundled("tabletop"), "--object", toy, "--record",
-       path("session"), "--output", path("live"), "--poses", path("live.tum"), "--poses-all",
-       "--fps", "10", "--duration", "2", "--no-window", "--save-scene", path("saved.json")});
+  const ProgramResult live = penumbra({"live",
+                                       "--camera",
+                                       "recording:" + bundled("tabletop"),
+                                       "--object",
+                                       toy,
+                                       "--object",
+                                       write_moving_square() + ",animation=all",
+                                       "--record",
+                                       path("session"),
+                                       "--output",
+                                       path("live"),
+                                       "--poses",
+                                       path("live.tum"),
+                                       "--poses-all",
+                                       "--fps",
+                                       "10",
+                                       "--duration",
+                                       "2",
+                                       "--no-window",
+                                       "--save-scene",
+                                       path("saved.json")});
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto seen = contents_of(path("live"));
   ASSERT_GT(seen.size(), 3U);

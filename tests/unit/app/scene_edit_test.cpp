@@ -87,7 +87,9 @@ TEST(SceneEdit, RoundTripsMoveExactly) {
 
 TEST(SceneEdit, RoundTripsAddedRemovedAndResetObjects) {
   const ObjectPlaced placed = placed_somewhere();
-  const ObjectAdded added{"my \"toy\"", "/models/toy.glb", placed.placement, nullptr};
+  ObjectAdded added{"my \"toy\"", "/models/toy.glb", placed.placement, nullptr};
+  EXPECT_THAT(event_line({1, added}), testing::Not(testing::HasSubstr("animation")));
+  added.playback.animation = "a \"walk\"";
   const auto events = test::events_of(event_line({12'345'678'901, added}));
   ASSERT_TRUE(events) << events.error().message;
   ASSERT_EQ(events->edits.size(), 1U);
@@ -96,6 +98,7 @@ TEST(SceneEdit, RoundTripsAddedRemovedAndResetObjects) {
   EXPECT_EQ(read.object, added.object);
   EXPECT_EQ(read.model_file, added.model_file);
   EXPECT_EQ(read.placement, added.placement);
+  EXPECT_EQ(read.playback.animation, added.playback.animation);
   EXPECT_EQ(read.model, nullptr);
   for (const bool removed : {true, false}) {
     const auto visibility = test::events_of(event_line({1, ObjectRemoved{"toy", removed}}));
