@@ -38,10 +38,12 @@ class RefineMap : public testing::Test {
   mutable std::string out_;
 };
 
-TEST_F(RefineMap, KeepsMapOfFlatSheet) {
+TEST_F(RefineMap, KeepsMapAndLensOfFlatSheet) {
   const std::string recording = bundled("tabletop");
   (void)replayed(recording, "plain", {});
-  const nlohmann::json report = replayed(recording, "refined", {"--refine-map", file("map.yaml")});
+  const nlohmann::json report =
+      replayed(recording, "refined",
+               {"--refine-map", file("map.yaml"), "--refine-camera", file("camera.yaml")});
   EXPECT_GE(report["map_refinement"]["keyframes"], 8);
   EXPECT_EQ(report["map_refinement"]["refinements"], 0);
   EXPECT_EQ(report["map_refinement"]["change_mm"]["max"], 0.0);
@@ -50,6 +52,14 @@ TEST_F(RefineMap, KeepsMapOfFlatSheet) {
   EXPECT_EQ(bytes_of(file("refined.tum")), bytes_of(file("plain.tum")));
   const TagMap given = load_tag_map(std::filesystem::path(recording) / "tags.yaml").value();
   EXPECT_EQ(bytes_of(file("map.yaml")), tag_map_text(given));
+  EXPECT_FALSE(report["map_refinement"].contains("lens_gain"));
+  EXPECT_FALSE(report["map_refinement"].contains("row_time_us"));
+  EXPECT_THAT(out_, HasSubstr("camera: the given lens"));
+  const auto given_camera = load_camera(std::filesystem::path(recording) / "camera.yaml");
+  const auto written = load_camera(file("camera.yaml"));
+  ASSERT_TRUE(given_camera && written);
+  EXPECT_EQ(written->parameters().fx, given_camera->parameters().fx);
+  EXPECT_EQ(written->parameters().distortion, given_camera->parameters().distortion);
 }
 
 TEST_F(RefineMap, ReportsWhyShortRecordingIsNotRefined) {
@@ -113,19 +123,6 @@ TEST_F(RefineMap, WritesRefinedLensForTheNextRun) {
   EXPECT_NEAR(written->parameters().fx / truth->parameters().fx, 1.0, 0.002);  // given: 1.006
   EXPECT_NEAR(written->parameters().distortion[0], truth->parameters().distortion[0], 0.01);
   EXPECT_LT(again["accuracy"]["overlay_px"]["rmse"], 2.0);  // 4.1 px with the given lens
-}
-
-TEST_F(RefineMap, KeepsLensThatExplainsTheTags) {
-  const nlohmann::json report = replayed(bundled("tabletop"), "kept",
-                                         {"--refine-camera", file("camera.yaml"), "--refine-map"});
-  EXPECT_FALSE(report["map_refinement"].contains("lens_gain"));
-  EXPECT_FALSE(report["map_refinement"].contains("row_time_us"));
-  EXPECT_THAT(out_, HasSubstr("camera: the given lens"));
-  const auto given = load_camera(std::filesystem::path(bundled("tabletop")) / "camera.yaml");
-  const auto written = load_camera(file("camera.yaml"));
-  ASSERT_TRUE(given && written);
-  EXPECT_EQ(written->parameters().fx, given->parameters().fx);
-  EXPECT_EQ(written->parameters().distortion, given->parameters().distortion);
 }
 
 TEST_F(RefineMap, RefinesInLiveBesideTheTracking) {

@@ -78,7 +78,7 @@ class ViewGuideTest : public testing::Test {
                             options);
   }
 
-  CameraModel camera_ = test::wide_camera();
+  CameraModel camera_ = test::desk_camera();
   std::vector<MappedTag> board_ = test::board(4, 3, 0.04);
   PatternRenderer renderer_ = PatternRenderer::create(camera_, board_).value();
   static GuideOptions options() {
@@ -121,8 +121,8 @@ TEST_F(ViewGuideTest, AcceptsInformativeViewsUntilLensIsKnown) {
 }
 
 TEST_F(ViewGuideTest, ReportsWhyImageIsRejected) {
-  const std::vector<std::uint8_t> grey(1280 * 720, 128);
-  EXPECT_EQ(guide_.look({grey.data(), 1280, 720, 1280}).why, "no tag of the target is seen");
+  const std::vector<std::uint8_t> grey(640 * 480, 128);
+  EXPECT_EQ(guide_.look({grey.data(), 640, 480, 640}).why, "no tag of the target is seen");
   const GreyImage one = image({0.0, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
   const GreyImage other = image({0.04, 0.0, 0.0}, 0.5, radians(80.0), 0.0);
   EXPECT_TRUE(guide_.look(one.view()).taken);
