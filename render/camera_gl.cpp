@@ -85,6 +85,12 @@ glm::mat4x3 plane_from_object(const PlaneFrame& plane, const Placement& T_table_
                  plane.to_plane(T_table_object.position));
 }
 
+glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
+  // The depth z solves height(eye + z R (x, y, 1)) = 0.
+  const double height = plane.height(T_table_camera.translation());
+  return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
+}
+
 bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
   const auto all = [&](auto&& outside) { return std::ranges::all_of(hull, outside); };
   using P = const Eigen::Vector3d&;

@@ -46,6 +46,10 @@ struct LensUniforms {
 [[nodiscard]] glm::mat4x3 plane_from_object(const PlaneFrame& plane,
                                             const Placement& T_table_object);
 
+// Returns v such that v . (x, y, 1) is the plane's 1 / z [1/m] at the undistorted normalised image
+// point (x, y).
+[[nodiscard]] glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane);
+
 // Minimum camera distance for which geometry is tessellated [m]. At smaller distances, the tags are
 // only partly in view.
 inline constexpr double kNearestDistance = 0.15;

@@ -17,13 +17,6 @@ namespace {
 constexpr int kColumns = 40;
 constexpr int kRows = 30;
 
-// Returns v such that v . (x, y, 1) is the plane's 1 / z [1/m] at the undistorted normalised image
-// point (x, y). The depth z solves height(eye + z R (x, y, 1)) = 0.
-glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
-  const double height = plane.height(T_table_camera.translation());
-  return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
-}
-
 }  // namespace
 
 Result<TranslucentProgram> plane_light_program(GlApi api) {
