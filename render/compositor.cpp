@@ -10,6 +10,7 @@
 #include "core/stopwatch.hpp"
 #include "render/gl/gpu_timer.hpp"
 #include "render/gl/pixel_buffer.hpp"
+#include "render/passes/edge_smoother.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/received_shadow_pass.hpp"
@@ -83,13 +84,14 @@ struct Compositor::Impl {
   std::vector<std::unique_ptr<Pass>> surfaces;  // passes that write depth, in drawing order
   std::vector<std::unique_ptr<Pass>> overlays;  // passes that read this depth and the planes'
   ShadowPass* shadows = nullptr;                // one of `overlays`
+  std::optional<EdgeSmoother> smoother;
   CompositeStats stats;
 
   Result<void> make_passes(const CameraModel& camera, int samples) {
     const GlApi api = context.info().api;
     PENUMBRA_TRY(framebuffer, Framebuffer::create(width, height, samples));
     PENUMBRA_TRY(abilities, probe_fragment_abilities(api));
-    PENUMBRA_TRY(objects, ObjectPainter::create(api, scene, camera));
+    PENUMBRA_TRY(objects, ObjectPainter::create(api, scene, camera, smoother.has_value()));
     PENUMBRA_TRY(receivers, Receivers::create(api, scene, camera));
     PENUMBRA_TRY(painter, LayerPainter::create(api, camera));
     const bool multisampled = framebuffer.samples() > 0;
@@ -132,6 +134,7 @@ struct Compositor::Impl {
     // passes use its stencil bits.
     stats[Counter::draw_calls] += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
     for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
+    if (smoother) stats[Counter::edge_pixels] = smoother->smooth(draw_context, plan);
     framebuffer.invalidate_depth_stencil();
   }
 
@@ -197,6 +200,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   const bool on_gpu = !context.info().software;
   auto impl =
       std::make_unique<Impl>(context, *scene, camera, options.pixel_buffers.value_or(on_gpu));
+  if (!options.msaa && !on_gpu && can_read_depth()) impl->smoother.emplace();
   PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
   if (rectified) impl->rectified.emplace(api, video_camera);

@@ -31,7 +31,8 @@ struct CompositorOptions {
   // Draws the undistorted video (rectified_video.hpp). Plans must use the camera
   // without_distortion().
   bool rectified = false;
-  // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(). The driver may use more.
+  // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(), and on a CPU rasteriser
+  // edges are smoothed afterwards (edge_smoother.hpp). The driver may use more.
   std::optional<int> msaa = std::nullopt;
   // Transfers the video, and images of request_image(), asynchronously through pixel buffers; they
   // do not change the image. nullopt: true, except on a CPU rasteriser, where the copies cost

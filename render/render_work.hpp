@@ -36,6 +36,7 @@ enum class Counter : std::size_t {
   faces_twisted,            // tested faces that are twisted in some layer
   passes_drawn,             // passes with draw calls, including the video
   passes_skipped,           // entries of the plan's and the passes' `skipped`
+  edge_pixels,              // pixels that were changed to smooth edges
   draw_calls,               // OpenGL draw calls; must be last
 };
 // The counters' keys in the report.
@@ -45,7 +46,7 @@ inline constexpr auto kCounterNames = std::to_array<std::string_view>(
      "layer_masks_kept", "mask_pieces_skipped", "phantom_masks_drawn",  "phantom_masks_kept",
      "video_copies",     "video_imports",       "pixel_buffer_uploads", "pixel_buffer_read_backs",
      "kernel_faces",     "twisted_faces",       "passes_drawn",         "passes_skipped",
-     "draw_calls"});
+     "edge_pixels",      "draw_calls"});
 static_assert(kCounterNames.size() == static_cast<std::size_t>(Counter::draw_calls) + 1);
 
 class RenderCounters {

@@ -413,8 +413,9 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
     }
     msaa = static_cast<int>(*samples);
   };
-  add_text_option(command, "--msaa", "auto|off|N", set_samples,
-                  "Samples per pixel for smooth edges; auto: 4 on a GPU, off in software")
+  add_text_option(
+      command, "--msaa", "auto|off|N", set_samples,
+      "Samples per pixel for smooth edges; auto: 4 on a GPU, else edges are smoothed after drawing")
       ->default_str("auto");
   const auto set_pixel_buffers = [&pixel_buffers = request.pixel_buffers](const std::string& text) {
     pixel_buffers.reset();

@@ -66,9 +66,16 @@ ImageArea image_area(int image_width, int image_height, GlContext::Size window) 
   return area;
 }
 
+bool can_read_depth() {
+  return epoxy_is_desktop_gl() || epoxy_has_gl_extension("GL_NV_read_depth_stencil");
+}
+
 Result<Framebuffer> Framebuffer::create(int width, int height, int samples) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
+  GLint largest_texture = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest_texture);
+  largest = std::min(largest, largest_texture);
   if (width > largest || height > largest) {
     return too_large(width, height, largest);
   }
@@ -82,17 +89,25 @@ Result<Framebuffer> Framebuffer::create(int width, int height, int samples) {
   f.width_ = width;
   f.height_ = height;
   f.framebuffer_ = FramebufferHandle::create();
-  f.color_ = RenderbufferHandle::create();
   f.depth_stencil_ = RenderbufferHandle::create();
-  glBindRenderbuffer(GL_RENDERBUFFER, f.color_.id());
-  // With 0 samples this is glRenderbufferStorage().
-  glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_RGBA8, width, height);
-  if (samples > 0)
-    glGetRenderbufferParameteriv(GL_RENDERBUFFER, GL_RENDERBUFFER_SAMPLES, &f.samples_);
-  glBindRenderbuffer(GL_RENDERBUFFER, f.depth_stencil_.id());
-  glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_DEPTH24_STENCIL8, width, height);
   glBindFramebuffer(GL_FRAMEBUFFER, f.framebuffer_.id());
-  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, f.color_.id());
+  if (samples > 0) {
+    f.color_samples_ = RenderbufferHandle::create();
+    glBindRenderbuffer(GL_RENDERBUFFER, f.color_samples_.id());
+    glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_RGBA8, width, height);
+    glGetRenderbufferParameteriv(GL_RENDERBUFFER, GL_RENDERBUFFER_SAMPLES, &f.samples_);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
+                              f.color_samples_.id());
+  } else {
+    glActiveTexture(GL_TEXTURE0);
+    f.color_ = nearest_texture();
+    store_rgba(false, width, height);
+    glBindTexture(GL_TEXTURE_2D, 0);
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, f.color_.id(), 0);
+  }
+  glBindRenderbuffer(GL_RENDERBUFFER, f.depth_stencil_.id());
+  // With 0 samples this is glRenderbufferStorage().
+  glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_DEPTH24_STENCIL8, width, height);
   glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
                             f.depth_stencil_.id());
   const GLenum status = glCheckFramebufferStatus(GL_FRAMEBUFFER);
@@ -199,6 +214,30 @@ void Framebuffer::read(void* rgba) const {
   glBindFramebuffer(GL_READ_FRAMEBUFFER, resolved());
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
   glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba);
+}
+
+void Framebuffer::read_part(const PixelRect& part, std::span<std::uint8_t> rgba,
+                            std::span<std::uint32_t> depth_stencil) const {
+  [[maybe_unused]] const std::size_t pixels =
+      static_cast<std::size_t>(part.width) * static_cast<std::size_t>(part.height);
+  PENUMBRA_ASSERT(samples_ == 0 && rgba.size() == 4 * pixels && depth_stencil.size() == pixels);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(part.x, part.y, part.width, part.height, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  glReadPixels(part.x, part.y, part.width, part.height, GL_DEPTH_STENCIL, GL_UNSIGNED_INT_24_8,
+               depth_stencil.data());
+}
+
+void Framebuffer::write_part(const PixelRect& part, std::span<const std::uint8_t> rgba) {
+  PENUMBRA_ASSERT(samples_ == 0);
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, color_.id());
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+  glTexSubImage2D(GL_TEXTURE_2D, 0, part.x, part.y, part.width, part.height, GL_RGBA,
+                  GL_UNSIGNED_BYTE, rgba.data());
+  // A texture that is drawn into must not be bound for reading.
+  glBindTexture(GL_TEXTURE_2D, 0);
 }
 
 unsigned Framebuffer::resolved() const {

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "core/error.hpp"
+#include "core/image/pixel_rect.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/handle.hpp"
 
@@ -33,6 +34,9 @@ class UploadedImage {
   int height_ = 0;
 };
 
+// Returns whether the current context can read depth and stencil back.
+[[nodiscard]] bool can_read_depth();
+
 class Framebuffer {
  public:
   Framebuffer() = default;  // no framebuffer
@@ -40,6 +44,8 @@ class Framebuffer {
   [[nodiscard]] static Result<Framebuffer> create(int width, int height, int samples = 0);
   // Samples per pixel, at least the requested number; 0 without multisampling.
   [[nodiscard]] int samples() const { return samples_; }
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
 
   void bind() const;  // binds for drawing and sets the viewport
   // Binds and clears a second colour buffer ("sums") with the same depth and stencil, in which
@@ -53,6 +59,12 @@ class Framebuffer {
   void copy_sums(int unit);
   // Reads rows top to bottom, width * height * 4 bytes; multisampled pixels are averaged.
   void read_rgba(std::span<std::uint8_t> rgba) const;
+  // Reads a part of the image, and its depth and stencil, rows top to bottom. Depth is in the upper
+  // 24 bits. Only without multisampling, and with can_read_depth().
+  void read_part(const PixelRect& part, std::span<std::uint8_t> rgba,
+                 std::span<std::uint32_t> depth_stencil) const;
+  // Replaces a part of the image. Only without multisampling.
+  void write_part(const PixelRect& part, std::span<const std::uint8_t> rgba);
   // Reads into the bound pixel pack buffer, asynchronously.
   void read_rgba_to_buffer() const;
   // Discards depth and stencil at the end of a frame, so that tiling GPUs don't store them.
@@ -73,7 +85,8 @@ class Framebuffer {
   void copy(unsigned from, Copy& to, bool half_floats, int unit) const;
 
   FramebufferHandle framebuffer_;
-  RenderbufferHandle color_;
+  RenderbufferHandle color_samples_;  // used with multisampling
+  TextureHandle color_;               // used without multisampling
   RenderbufferHandle depth_stencil_;
   FramebufferHandle sums_framebuffer_;  // made on demand
   TextureHandle sums_;                  // used without multisampling

@@ -65,7 +65,7 @@ float longest_model_edge(double longest_edge_m, double scale) {
 }
 
 Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
-                                            const CameraModel& camera) {
+                                            const CameraModel& camera, bool with_edges) {
   if (scene.lights.size() > kMaxLights) {
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
@@ -117,19 +117,20 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
     if (!model) continue;
     const float edge = longest_model_edge(longest, scales[i]);
     if (scene.objects[i].playback.model) {
-      gpu = upload(model, edge);
+      gpu = upload(model, edge, with_edges);
       continue;
     }
     auto& entry = uploaded[{model.get(), edge}];
-    if (!entry) entry = upload(model, edge);
+    if (!entry) entry = upload(model, edge, with_edges);
     gpu = entry;
   }
   return painter;
 }
 
 std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
-    const std::shared_ptr<const Model>& source_model, float max_edge) {
+    const std::shared_ptr<const Model>& source_model, float max_edge, bool with_edges) {
   auto gpu = std::make_shared<GpuModel>();
+  gpu->with_edges = with_edges;
   gpu->source = source_model;
   gpu->max_edge = max_edge;
   const Model& model = *source_model;
@@ -160,8 +161,9 @@ void ObjectPainter::pose(std::span<const PosedModel> posed) {
 void ObjectPainter::upload_meshes(GpuModel& gpu, BufferLife life) {
   const Model& model = *gpu.source;
   gpu.meshes.resize(model.meshes.size());
+  std::vector<Mesh> uploaded;
   for (std::size_t m = 0; m < gpu.meshes.size(); ++m) {
-    const Mesh mesh = subdivided(model.meshes[m], gpu.max_edge);
+    Mesh mesh = subdivided(model.meshes[m], gpu.max_edge);
     std::vector<Vertex> vertices(mesh.positions.size());
     for (std::size_t i = 0; i < vertices.size(); ++i) {
       vertices[i] = {mesh.positions[i], i < mesh.normals.size() ? mesh.normals[i] : glm::vec3(0.0F),
@@ -183,7 +185,10 @@ void ObjectPainter::upload_meshes(GpuModel& gpu, BufferLife life) {
       out.map_vertices->write(std::span<const MapVertex>(maps), life);
       VertexArray::attributes({4, 2}, 4);
     }
-    if (material.alpha_mode != AlphaMode::blend) continue;
+    if (material.alpha_mode != AlphaMode::blend) {
+      if (gpu.with_edges) uploaded.push_back(std::move(mesh));
+      continue;
+    }
     out.faces.clear();
     out.middles.clear();
     out.middle = glm::vec3(0.0F);
@@ -195,7 +200,37 @@ void ObjectPainter::upload_meshes(GpuModel& gpu, BufferLife life) {
       out.middle += out.middles.back();
     }
     out.middle /= std::max(static_cast<float>(out.middles.size()), 1.0F);
+    if (gpu.with_edges) uploaded.push_back(std::move(mesh));
   }
+  if (gpu.with_edges) make_edges(gpu, uploaded);
+}
+
+void ObjectPainter::make_edges(GpuModel& gpu, std::span<const Mesh> meshes) {
+  const Model& model = *gpu.source;
+  std::vector<EdgeMeshPart> opaque;
+  std::vector<EdgeMeshPart> blended;
+  for (const Mesh& mesh : meshes) {
+    const Material& material = material_of(model, mesh.material);
+    if (material.alpha_mode == AlphaMode::mask) continue;  // the cut-outs have the visible edges
+    const bool one_sided = model.culls_back_faces && !material.double_sided;
+    (material.alpha_mode == AlphaMode::blend ? blended : opaque)
+        .push_back({mesh.positions, mesh.normals, mesh.indices, mesh.material, one_sided});
+  }
+  for (const auto& [parts, edges] :
+       {std::pair(&opaque, &gpu.opaque_edges), std::pair(&blended, &gpu.blended_edges)}) {
+    if (parts->empty()) {
+      edges->reset();
+    } else if (!edges->has_value() || !(*edges)->move(*parts)) {
+      edges->emplace(*parts);
+    }
+  }
+}
+
+ObjectEdges ObjectPainter::edges_of(int object) const {
+  const GpuModel* gpu = models_[static_cast<std::size_t>(object)].get();
+  if (gpu == nullptr) return {};
+  return {gpu->opaque_edges ? &*gpu->opaque_edges : nullptr,
+          gpu->blended_edges ? &*gpu->blended_edges : nullptr};
 }
 
 const Texture2d* ObjectPainter::texture_of(GpuModel& gpu, const Model& model,

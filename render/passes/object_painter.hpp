@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "render/camera_gl.hpp"
+#include "render/edges/edge_mesh.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
@@ -44,11 +45,14 @@ struct ShadowMask {
 class ObjectPainter {
  public:
   // Uploads the scene's models, with edges short enough for the lens at the object's largest scale.
+  // `with_edges`: edges_of() returns the edges of the objects.
   [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
-                                                    const CameraModel& camera);
+                                                    const CameraModel& camera, bool with_edges);
 
   // Uploads the shapes of objects with an animation.
   void pose(std::span<const PosedModel> posed);
+  // Returns the edges of what is drawn of the object, until the next pose().
+  [[nodiscard]] ObjectEdges edges_of(int object) const;
   // Selects the programs of translucent surfaces and shadows.
   [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
 
@@ -96,6 +100,8 @@ class ObjectPainter {
     float max_edge = 0.0F;  // see subdivided()
     std::vector<GpuMesh> meshes;
     std::vector<GpuMaterial> materials;
+    bool with_edges = false;
+    std::optional<EdgeMesh> opaque_edges, blended_edges;
     // Key: image, whether it holds colours, sampling.
     std::map<std::tuple<int, bool, TextureSampling>, Texture2d> textures;
   };
@@ -111,10 +117,12 @@ class ObjectPainter {
     [[nodiscard]] Programs opaque() const;
     [[nodiscard]] Programs chosen() const;
   };
-  static std::shared_ptr<GpuModel> upload(const std::shared_ptr<const Model>& model,
-                                          float max_edge);
+  static std::shared_ptr<GpuModel> upload(const std::shared_ptr<const Model>& model, float max_edge,
+                                          bool with_edges);
   // Uploads the meshes of gpu.source.
   static void upload_meshes(GpuModel& gpu, BufferLife life);
+  // `meshes`: those of gpu.source, as uploaded.
+  static void make_edges(GpuModel& gpu, std::span<const Mesh> meshes);
   static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
                                      bool color);
   // Returns the program that draws a surface, or nullptr if none does.

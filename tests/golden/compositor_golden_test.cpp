@@ -95,6 +95,11 @@ std::shared_ptr<const Scene> solids() {
   return builder.build();
 }
 
+// Draws like the program, with smooth edges.
+Studio program_studio(std::shared_ptr<const Scene> scene, const CameraModel& camera) {
+  return {std::move(scene), camera, GlApi::gl33, {}};
+}
+
 RgbaImage image_of(const test::RenderedImage& image) {
   return {image.width, image.height, image.rgba};
 }
@@ -110,7 +115,7 @@ SceneState lit(const Scene& scene, const View& view, double time_s,
 RgbaImage composite(const View& view, ShadowTechnique technique,
                     const std::shared_ptr<const Scene>& scene, double time_s,
                     Translucency translucency = Translucency::automatic) {
-  Studio studio(scene, view.camera);
+  Studio studio = program_studio(scene, view.camera);
   PlanOptions options;
   options.technique = technique;
   options.translucency = translucency;
@@ -121,7 +126,7 @@ RgbaImage composite(const View& view, ShadowTechnique technique,
 
 // Draws the solids with the lights of their scene only, without the video's light.
 RgbaImage composite(const View& view, ShadowTechnique technique) {
-  Studio studio(solids(), view.camera);
+  Studio studio = program_studio(solids(), view.camera);
   PlanOptions options;
   options.technique = technique;
   return image_of(
@@ -232,8 +237,7 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
   const auto scene = std::make_shared<const Scene>(*loaded);
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context) << context.error().message;
-  auto compositor =
-      Compositor::create(**context, scene, view->camera, {.rectified = true, .msaa = 0});
+  auto compositor = Compositor::create(**context, scene, view->camera, {.rectified = true});
   ASSERT_TRUE(compositor) << compositor.error().message;
   const FramePlan plan =
       plan_frame(*scene, lit(*scene, *view, 2.0), test::tracked(view->T_table_camera),
@@ -303,7 +307,7 @@ TEST_P(BundledScene, CompositedFrameMatchesGolden) {
   wall.name = "wall";
   wall.status = TrackStatus::tracked;
   const SceneState state = lit(*scene, *view, c.frame / 30.0, {&wall, 1});
-  Studio studio(scene, view->camera);
+  Studio studio = program_studio(scene, view->camera);
   PlanOptions options;
   options.technique = c.technique;
   const FramePlan plan =
@@ -330,7 +334,7 @@ TEST(TableScene, ShowsAddedObjectWithLayeredShadow) {
   add_object(*scene, std::move(tree));
   const auto shown = std::make_shared<const Scene>(std::move(*scene));
   const SceneState state = lit(*shown, *view, 2.0);
-  Studio studio(shown, view->camera);
+  Studio studio = program_studio(shown, view->camera);
   const FramePlan plan =
       plan_frame(*shown, state, test::tracked(view->T_table_camera), view->camera, {});
   EXPECT_TRUE(
@@ -387,8 +391,8 @@ TEST_P(ReplayCommand, WritesFrameDrawnByCompositor) {
   const auto folder = test::recordings_dir() / c.recording;
   const test::TemporaryFolder out;
   const auto ran = test::run_program(
-      test::program(), {"replay", folder, "--no-window", "--msaa", "off", "--poses-from",
-                        "groundtruth", "--shadow", std::string(to_string(c.technique)), "--frames",
+      test::program(), {"replay", folder, "--no-window", "--poses-from", "groundtruth", "--shadow",
+                        std::string(to_string(c.technique)), "--frames",
                         fmt::format("{}:{}", c.frame, c.frame + 1), "--output", out.path()});
   ASSERT_EQ(ran.exit_code, 0) << ran.err;
   const auto written = load_rgba(out.path() / fmt::format("{:06}.png", c.frame));
@@ -435,7 +439,7 @@ TEST_P(GoldenLayerComparison, DetectsMissingLayer) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
   const RgbaImage expected = composite(*view, ShadowTechnique::layered);
-  Studio studio(solids(), view->camera);
+  Studio studio = program_studio(solids(), view->camera);
   // Only one object's layer changes, which is hardest to detect.
   for (std::size_t object = 0; object < 3; ++object) {
     FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
@@ -449,7 +453,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
   const RgbaImage expected = composite(*view, ShadowTechnique::layered);
-  Studio studio(solids(), view->camera);
+  Studio studio = program_studio(solids(), view->camera);
   const FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
   for (std::size_t object = 0; object < 3; ++object) {
     // Displacement on the table that moves the layer by 2 px in the image.

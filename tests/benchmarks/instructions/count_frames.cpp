@@ -1,7 +1,8 @@
 // Draws frames for callgrind to count: 1280 x 720, YUYV video.
 //
-//   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...
+//   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY[:EDGES]...
 //
+// EDGES: hard (default) | smooth, as the program draws them without a GPU.
 // MOTION: still | moving | cut (moves through the umbra height) | over-box | over-ball (moves over
 // a phantom that receives the shadow). The caster is a torus of TRIANGLES triangles, or a box
 // for 12. Counting starts at the fourth frame, when programs are compiled and caches are filled.
@@ -19,7 +20,7 @@
 #include <sstream>
 #include <string>
 #include <string_view>
-#include <utility>
+#include <tuple>
 #include <vector>
 
 #include "core/text/text.hpp"
@@ -40,6 +41,7 @@ struct Row {
   Body body;
   counted::TechniqueChoice choice;
   Translucency translucency = Translucency::blend;
+  bool smooth = false;
 };
 
 std::optional<Body> body_of(std::string_view triangles, std::string_view motion) {
@@ -64,12 +66,13 @@ std::optional<Row> row_of(const std::string& name) {
   std::vector<std::string> parts;
   std::istringstream fields(name);
   for (std::string part; std::getline(fields, part, ':');) parts.push_back(part);
-  if (parts.size() != 4) return std::nullopt;
+  if (parts.size() == 4) parts.emplace_back("hard");
+  if (parts.size() != 5 || (parts[4] != "hard" && parts[4] != "smooth")) return std::nullopt;
   const auto body = body_of(parts[0], parts[1]);
   const auto choice = counted::technique_of(parts[2]);
   const auto translucency = value_named(kTranslucencyNames, parts[3]);
   if (!body || !choice || !translucency) return std::nullopt;
-  return Row{name, *body, *choice, *translucency};
+  return Row{name, *body, *choice, *translucency, parts[4] == "smooth"};
 }
 
 // Draws a row's warm-up frames and then `frames` counted frames. Returns the number of draw calls
@@ -106,35 +109,52 @@ std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
 int main(int argc, char** argv) {
   using namespace penumbra;
   const auto misused = [] {
-    std::fprintf(stderr, "count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...\n");
+    std::fprintf(stderr,
+                 "count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY[:EDGES]...\n");
     return 2;
   };
   const auto frames = argc < 3 ? 0 : static_cast<int>(parse_integer(argv[1]).value_or(0));
   if (frames < 1) return misused();
   counted::use_one_thread_of_software_gl();
   std::vector<Row> rows;
-  using Drawn = std::pair<int, counted::Receiver>;  // triangles, receiver: motions share a studio
+  // Triangles, receiver, smooth edges, light: motions share a studio.
+  using Drawn = std::tuple<int, counted::Receiver, bool, bool>;
+  const auto is_lit = [](const Row& row) {
+    return row.choice.technique == ShadowTechnique::hard ||
+           row.choice.technique == ShadowTechnique::volume;
+  };
+  const auto drawn_by = [&is_lit](const Row& row) {
+    return Drawn(row.body.triangles, row.body.receiver, row.smooth, is_lit(row));
+  };
   std::map<Drawn, test::Studio> studios;
   for (int i = 2; i < argc; ++i) {
     const auto row = row_of(argv[i]);
     if (!row) return misused();
     rows.push_back(*row);
-    studios.try_emplace(Drawn(row->body.triangles, row->body.receiver),
-                        std::make_shared<const Scene>(counted::scene_of(
-                            counted::body(row->body.triangles),
-                            make_layered_constants(0.7, 2.5, 0.0).value(), row->body.receiver)),
-                        counted::camera());
+    const Drawn drawn = drawn_by(*row);
+    if (studios.contains(drawn)) continue;
+    CompositorOptions options;
+    if (!row->smooth) options.msaa = 0;
+    Scene scene =
+        counted::scene_of(counted::body(row->body.triangles),
+                          make_layered_constants(0.7, 2.5, 0.0).value(), row->body.receiver);
+    if (is_lit(*row)) {
+      SceneLight lamp;
+      lamp.position = {-0.25, -0.1, 0.7};
+      lamp.intensity = 0.85;
+      scene.lights.push_back(lamp);
+    }
+    studios.try_emplace(drawn, std::make_shared<const Scene>(std::move(scene)), counted::camera(),
+                        GlApi::gl33, options);
   }
   // Compiles all shaders before instrumentation starts. Instrumentation starts only once, because
   // callgrind translates all code again at each start.
-  const auto studio_of = [&studios](const Body& body) -> test::Studio& {
-    return studios.at({body.triangles, body.receiver});
-  };
-  for (const Row& row : rows) draw_row(studio_of(row.body), row, 0);
+  const auto studio_of = [&](const Row& row) -> test::Studio& { return studios.at(drawn_by(row)); };
+  for (const Row& row : rows) draw_row(studio_of(row), row, 0);
   CALLGRIND_START_INSTRUMENTATION;
   for (const Row& row : rows) {
     std::printf("%s %lld\n", row.name.c_str(),
-                static_cast<long long>(draw_row(studio_of(row.body), row, frames)));
+                static_cast<long long>(draw_row(studio_of(row), row, frames)));
   }
   CALLGRIND_STOP_INSTRUMENTATION;
   return 0;

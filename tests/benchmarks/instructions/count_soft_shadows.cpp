@@ -54,7 +54,7 @@ class PeerStudio {
       : scene_(std::move(scene)), camera_(counted::camera()), lens_(make_lens(camera_)) {
     context_ = create_offscreen_context(GlApi::gl33).value();
     framebuffer_.emplace(Framebuffer::create(counted::kWidth, counted::kHeight).value());
-    objects_.emplace(ObjectPainter::create(GlApi::gl33, *scene_, camera_).value());
+    objects_.emplace(ObjectPainter::create(GlApi::gl33, *scene_, camera_, false).value());
     check(objects_->choose(Translucency::blend, PixelFormat::yuyv));
     video_.emplace(GlApi::gl33);
   }
