@@ -47,8 +47,10 @@ class BlendedPass : public Pass {
 }  // namespace
 
 struct Compositor::Impl {
-  Impl(GlContext& gl, const Scene& shown, const CameraModel& camera, bool with_pixel_buffers)
+  Impl(GlContext& gl, const Scene& shown, const CameraModel& camera, ImageSize of_video,
+       bool with_pixel_buffers)
       : context(gl),
+        video_size(of_video),
         scene(shown),
         width(camera.width()),
         height(camera.height()),
@@ -64,6 +66,7 @@ struct Compositor::Impl {
   ~Impl() { context.make_current(); }
 
   GlContext& context;
+  ImageSize video_size;
   Scene scene;  // models of objects with an animation: the shapes of the most recent frame
   int width;
   int height;
@@ -74,7 +77,7 @@ struct Compositor::Impl {
   ReadBackBuffers read_backs;
   std::optional<GpuTimer> gpu_timer;
   VideoTexture video;
-  std::optional<RectifiedVideo> rectified;
+  std::optional<RectifiedVideo> resampled;  // nullopt: the image shows the video 1:1
   // Shared by the passes.
   ObjectPainter objects;
   Receivers receivers;
@@ -191,19 +194,22 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
                                       const CompositorOptions& options) {
   PENUMBRA_ASSERT(scene != nullptr);
   const bool rectified = options.rectified && video_camera.has_distortion();
-  const CameraModel camera = rectified ? without_distortion(video_camera) : video_camera;
+  CameraModel camera = rectified ? without_distortion(video_camera) : video_camera;
+  const ImageSize video_size{camera.width(), camera.height()};
+  const ImageSize size = options.size.value_or(video_size);
+  if (size != video_size) camera = with_size(camera, size.width, size.height);
   GLint max_samples = 0;
   glGetIntegerv(GL_MAX_SAMPLES, &max_samples);
   const int samples =
       options.msaa.value_or(multisampling_for(context.info().software, max_samples));
   const GlApi api = context.info().api;
   const bool on_gpu = !context.info().software;
-  auto impl =
-      std::make_unique<Impl>(context, *scene, camera, options.pixel_buffers.value_or(on_gpu));
+  auto impl = std::make_unique<Impl>(context, *scene, camera, video_size,
+                                     options.pixel_buffers.value_or(on_gpu));
   if (!options.msaa && !on_gpu && can_read_depth()) impl->smoother.emplace();
   PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
-  if (rectified) impl->rectified.emplace(api, video_camera);
+  if (rectified || size != video_size) impl->resampled.emplace(api, video_camera, camera);
   // Reports errors of creating models, textures and programs.
   if (const auto error = take_gl_error(context.info()))
     return fail("{}: {}", impl->scene.file, gl_error_text(*error));
@@ -212,11 +218,11 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
 
 Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
   Impl& m = *impl_;
-  if (frame.empty() || frame.width != m.width || frame.height != m.height) {
+  if (frame.empty() || frame.width != m.video_size.width || frame.height != m.video_size.height) {
     return fail(
         "frame {} is {} x {} px, the camera model's {} x {}; give the camera model that "
         "belongs to the video",
-        frame.sequence, frame.width, frame.height, m.width, m.height);
+        frame.sequence, frame.width, frame.height, m.video_size.width, m.video_size.height);
   }
   m.stats = {};
   const DrawContext context{m.scene,
@@ -226,7 +232,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
                             m.objects,
                             m.video,
                             frame,
-                            m.rectified ? std::nullopt : std::optional(frame.format),
+                            m.resampled ? std::nullopt : std::optional(frame.format),
                             choose_translucency(plan.translucency, m.abilities),
                             m.stats};
   const Stopwatch shadow_clock;
@@ -243,7 +249,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   const Stopwatch render_clock;
   m.framebuffer.bind();
   m.upload(frame, plan.reuse);
-  const auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
+  const auto drawn = m.resampled ? m.resampled->draw(m.video, frame) : m.video.draw(frame);
   if (drawn) m.count(1);
   if (drawn && plan.has_pose) m.draw_passes(context, plan);
   if (m.gpu_timer) m.gpu_timer->end();
@@ -307,6 +313,10 @@ std::vector<double> Compositor::take_gpu_times() {
 
 std::vector<CasterKernels> Compositor::kernels_in_use() const {
   return impl_->shadows->kernels_in_use();
+}
+
+ImageSize Compositor::size() const {
+  return {impl_->width, impl_->height};
 }
 
 int Compositor::samples() const {

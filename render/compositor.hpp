@@ -10,6 +10,7 @@
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/image/frame.hpp"
+#include "core/image/image_view.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 #include "render/shadow/kernels/twist.hpp"
@@ -31,6 +32,8 @@ struct CompositorOptions {
   // Draws the undistorted video (rectified_video.hpp). Plans must use the camera
   // without_distortion().
   bool rectified = false;
+  // Size of the image [px]; nullopt: the video's. Another size shows the video resampled.
+  std::optional<ImageSize> size = std::nullopt;
   // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(), and on a CPU rasteriser
   // edges are smoothed afterwards (edge_smoother.hpp). The driver may use more.
   std::optional<int> msaa = std::nullopt;
@@ -56,7 +59,7 @@ class Compositor {
   Compositor& operator=(Compositor&&) noexcept;
   ~Compositor();
 
-  // Draws into the compositor's framebuffer, which has the camera's size.
+  // Draws into the compositor's framebuffer. The frame has the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);
   // Reads the most recent image: RGBA8, rows top to bottom, width * height * 4 bytes. Returns the
   // stats of its draw() with the read-back time added.
@@ -76,6 +79,7 @@ class Compositor {
   void present();
   // Samples per pixel; 0 without multisampling.
   [[nodiscard]] int samples() const;
+  [[nodiscard]] ImageSize size() const;
   // Clears the image to black and drops the GPU times of earlier frames.
   void clear();
   // For the debug view: returns the kernels and twisted faces of the most recent image's shadows.

@@ -32,6 +32,7 @@ Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const 
   Comparison comparison(camera, names);
   for (std::size_t i = 0; i < techniques.size(); ++i) {
     options.plan = techniques[i].plan;
+    options.at_window_size = false;  // the window shows the panes, scaled
     // The first pane tracks the frames for all panes.
     PENUMBRA_TRY(auto session,
                  Session::create(context, scene, camera,

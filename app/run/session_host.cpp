@@ -62,11 +62,11 @@ std::string save_screenshot_png(int width, int height, std::span<const std::uint
 }
 
 std::string SessionHost::save_screenshot() {
-  const CameraModel& camera = session_.camera();
-  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
-                                   static_cast<std::size_t>(camera.height()) * 4U);
+  const ImageSize size = session_.shown_size();
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(size.width) *
+                                   static_cast<std::size_t>(size.height) * 4U);
   if (auto read = session_.read_back(pixels); !read) return read.error().message;
-  return save_screenshot_png(camera.width(), camera.height(), pixels, recording_);
+  return save_screenshot_png(size.width, size.height, pixels, recording_);
 }
 
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run) {

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 #include <limits>
 #include <utility>
 
 #include "app/logging.hpp"
 #include "core/propagate.hpp"
 #include "core/units.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/passes/rectified_video.hpp"
 #include "render/scene/scene_writer.hpp"
 
@@ -120,8 +122,11 @@ Result<void> Session::warm_up(PixelFormat format) {
   pose.T_table_camera = CameraPose(half_turn_about_x, Eigen::Vector3d(0.0, 0.0, kHeight_m));
   const SceneState state = evaluate_scene(scene_, 0.0);
   const FramePlan plan = plan_frame(scene_, state, pose, camera_, options_.plan);
-  PENUMBRA_TRY_VOID(compositor_.draw(grey.frame, plan));
-  compositor_.clear();  // the grey frame is never shown
+  for (Compositor* compositor : {&compositor_, display()}) {
+    if (compositor == nullptr) continue;
+    PENUMBRA_TRY_VOID(compositor->draw(grey.frame, plan));
+    compositor->clear();  // the grey frame is never shown
+  }
   return {};
 }
 
@@ -175,7 +180,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   drawn_pose_.reset();
   if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
 
-  PENUMBRA_TRY(auto drawn, compositor_.draw(frame, result.plan));
+  PENUMBRA_TRY(auto drawn, draw_plan(frame, result.plan, !rgba.empty()));
   for (const SkippedPass& skipped : drawn.skipped) {
     result.plan.skipped.push_back(skipped);
     if (skipped.reason == SkipReason::light_inside_caster && warned_.insert(skipped).second) {
@@ -222,8 +227,72 @@ Result<StageTime> Session::take_image(std::vector<std::uint8_t>& rgba) {
 }
 
 Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
-  PENUMBRA_TRY_VOID(compositor_.read_back(rgba));
+  PENUMBRA_TRY_VOID(shown().read_back(rgba));
   return {};
+}
+
+std::vector<double> Session::take_gpu_times() {
+  std::vector<double> times = compositor_.take_gpu_times();
+  if (display_) std::ranges::copy(display_->take_gpu_times(), std::back_inserter(times));
+  return times;
+}
+
+Result<CompositeStats> Session::draw_plan(const Frame& frame, const FramePlan& plan,
+                                          bool at_video_size) {
+  std::optional<CompositeStats> for_window;
+  if (Compositor* const at_display = display()) {
+    auto drawn = at_display->draw(frame, plan);
+    if (drawn) {
+      for_window = std::move(*drawn);
+    } else {
+      note_display_failure(drawn.error());
+    }
+  }
+  shows_display_ = for_window.has_value();
+  if (for_window && !at_video_size) return std::move(*for_window);
+  auto drawn = compositor_.draw(frame, plan);
+  if (drawn && for_window) {
+    drawn->shadow_ms += for_window->shadow_ms;
+    drawn->shadow_cpu_ms += for_window->shadow_cpu_ms;
+    drawn->render_ms += for_window->render_ms;
+    drawn->render_cpu_ms += for_window->render_cpu_ms;
+  }
+  return drawn;
+}
+
+void Session::note_display_failure(const Error& error) {
+  log_warning("the window shows the video's resolution: {}", error.message);
+  failed_size_ = wanted_size_;
+  display_.reset();
+}
+
+Compositor* Session::display() {
+  if (!options_.at_window_size) return nullptr;
+  constexpr double kSettled_ms = 250.0;  // while a window is resized, its image is scaled
+  const ImageArea area = image_area(camera_.width(), camera_.height(), context_->window_size());
+  const ImageSize size{area.width, area.height};
+  const bool resized = size != wanted_size_;
+  if (resized) since_resize_.restart();
+  wanted_size_ = size;
+  if (size.width <= camera_.width() || size.height <= camera_.height()) {
+    display_.reset();
+    shows_display_ = false;
+    return nullptr;
+  }
+  const bool keeps = display_ && (display_->size() == size || resized ||
+                                  since_resize_.elapsed().wall_ms < kSettled_ms);
+  if (keeps) return &*display_;
+  display_.reset();
+  shows_display_ = false;
+  if (size == failed_size_) return nullptr;
+  CompositorOptions options = compositor_options(options_);
+  options.size = size;
+  auto made = Compositor::create(*context_, start_, video_camera_, options);
+  if (!made) {
+    note_display_failure(made.error());
+    return nullptr;
+  }
+  return &display_.emplace(std::move(*made));
 }
 
 bool Session::edit(const SceneEdit& edit) {
@@ -280,6 +349,8 @@ Result<void> Session::add_to_compositor(std::shared_ptr<const Scene> start) {
     early_image_ = std::move(image);
   }
   compositor_ = std::move(compositor);
+  display_.reset();  // made again for the next image
+  shows_display_ = false;
   // These have one entry per object.
   state_.reset();
   state_with_pose_.reset();

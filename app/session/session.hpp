@@ -37,6 +37,8 @@ using PoseSource = std::variant<GroupTracker, GivenPoses>;
 struct SessionOptions {
   PlanOptions plan;
   bool smooth = false;  // smooths the drawn pose
+  // Draws images for a window that is larger than the video at the window's resolution.
+  bool at_window_size = true;
   // Timestamp at which the scene's time is 0; default: that of the first drawn frame.
   std::optional<std::int64_t> scene_start_ns;
   bool rectified = false;             // removes the lens distortion from the drawn images
@@ -101,10 +103,12 @@ class Session {
   [[nodiscard]] Result<StageTime> take_image(std::vector<std::uint8_t>& rgba);
   // Draws a frame again with the current scene.
   [[nodiscard]] Result<SessionFrame> redraw(TrackedFrame tracked);
-  // Draws the latest image into the context's window.
-  void present() { compositor_.present(); }
-  // Reads the latest image: RGBA8, width * height * 4 bytes.
+  // Draws the latest image into the context's window. In a window that is larger than the video,
+  // the image has the window's resolution.
+  void present() { shown().present(); }
+  // Reads the image that present() shows: RGBA8, width * height * 4 bytes of shown_size().
   [[nodiscard]] Result<void> read_back(std::span<std::uint8_t> rgba);
+  [[nodiscard]] ImageSize shown_size() const { return shown().size(); }
 
   // Edits the scene from the next image on. Returns false if the scene has no such object or node,
   // or if OpenGL can't draw an added object (logged).
@@ -136,16 +140,26 @@ class Session {
   // See Compositor.
   [[nodiscard]] int samples() const { return compositor_.samples(); }
   [[nodiscard]] bool pixel_buffers() const { return compositor_.pixel_buffers(); }
-  [[nodiscard]] std::vector<double> take_gpu_times() { return compositor_.take_gpu_times(); }
+  [[nodiscard]] std::vector<double> take_gpu_times();
   // Kernels of the latest image, for the debug view.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
-    return compositor_.kernels_in_use();
+    return shown().kernels_in_use();
   }
 
  private:
   Session(GlContext& context, std::shared_ptr<const Scene> scene, const CameraModel& camera,
           PoseSource poses, const SessionOptions& options, Compositor compositor);
   bool apply_edit(const SceneEdit& edit);
+  // Returns the compositor that draws at the window's resolution; nullptr if the window is not
+  // larger than the video, or if there is none.
+  [[nodiscard]] Compositor* display();
+  void note_display_failure(const Error& error);
+  // Draws at the window's resolution if there is a display(), and at the video's size if there is
+  // none or `at_video_size`.
+  [[nodiscard]] Result<CompositeStats> draw_plan(const Frame& frame, const FramePlan& plan,
+                                                 bool at_video_size);
+  [[nodiscard]] Compositor& shown() { return shows_display_ ? *display_ : compositor_; }
+  [[nodiscard]] const Compositor& shown() const { return shows_display_ ? *display_ : compositor_; }
   [[nodiscard]] Result<void> add_to_compositor(std::shared_ptr<const Scene> start);
 
   [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
@@ -162,7 +176,12 @@ class Session {
   SessionOptions options_;
   PoseSmoother smoother_;
   LightMeter light_meter_;
-  Compositor compositor_;
+  Compositor compositor_;              // draws images of the camera's size
+  std::optional<Compositor> display_;  // draws images of the window's size
+  bool shows_display_ = false;         // the latest image for the window is display_'s
+  ImageSize wanted_size_;              // of display_: the window's latest size
+  ImageSize failed_size_;              // OpenGL can't draw images of this size
+  Stopwatch since_resize_;
   std::vector<std::uint8_t> early_image_;  // pending image of an earlier compositor; empty: none
   std::vector<SceneEdit> edits_;           // since the previous frame
   std::vector<SceneEdit> latest_edits_;

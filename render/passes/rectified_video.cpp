@@ -27,18 +27,41 @@ CameraModel without_distortion(const CameraModel& camera) {
   return std::move(*straight);
 }
 
-RectifyingGrid rectifying_grid(const CameraModel& camera) {
-  const CameraModel straight = without_distortion(camera);
+CameraModel with_size(const CameraModel& camera, int width, int height) {
+  CameraParameters p = camera.parameters();
+  const double across = static_cast<double>(width) / p.width;
+  const double down = static_cast<double>(height) / p.height;
+  p.width = width;
+  p.height = height;
+  p.fx *= across;
+  p.fy *= down;
+  p.cx = across * (p.cx + 0.5) - 0.5;
+  p.cy = down * (p.cy + 0.5) - 0.5;
+  p.rolling_shutter_row_s.reset();  // more rows would take longer than a camera may
+  auto sized = CameraModel::make(p);
+  PENUMBRA_ASSERT(sized.has_value());
+  return std::move(*sized);
+}
+
+RectifyingGrid rectifying_grid(const CameraModel& camera, const CameraModel& image_camera) {
+  // An image with the video's distortion is only scaled.
+  const bool straightens = camera.has_distortion() && !image_camera.has_distortion();
+  const double across = static_cast<double>(camera.width()) / image_camera.width();
+  const double down = static_cast<double>(camera.height()) / image_camera.height();
   RectifyingGrid grid;
-  grid.columns = static_cast<int>(std::ceil(camera.width() / kCell_px)) + 1;
-  grid.rows = static_cast<int>(std::ceil(camera.height() / kCell_px)) + 1;
+  grid.columns = static_cast<int>(std::ceil(image_camera.width() / kCell_px)) + 1;
+  grid.rows = static_cast<int>(std::ceil(image_camera.height() / kCell_px)) + 1;
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
       // Covers the image from edge to edge.
-      const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * camera.width()),
-                                  -0.5 + std::min(row * kCell_px, 1.0 * camera.height()));
+      const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * image_camera.width()),
+                                  -0.5 + std::min(row * kCell_px, 1.0 * image_camera.height()));
       grid.image_px.push_back(pixel);
-      const auto ray = straight.unproject(pixel);
+      if (!straightens) {
+        grid.video.emplace_back(across * (pixel.x() + 0.5) - 0.5, down * (pixel.y() + 0.5) - 0.5);
+        continue;
+      }
+      const auto ray = image_camera.unproject(pixel);
       const auto source = ray ? camera.project_extended(*ray) : std::nullopt;
       grid.video.push_back(source ? *source : Eigen::Vector2d::Constant(kNowhere_px));
     }
@@ -46,17 +69,18 @@ RectifyingGrid rectifying_grid(const CameraModel& camera) {
   return grid;
 }
 
-RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera)
+RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera,
+                               const CameraModel& image_camera)
     : program_(api, {"rectified.vert.glsl"}, {"video_texel.glsl", "rectified.frag.glsl"}),
       width_(camera.width()),
       height_(camera.height()) {
-  const RectifyingGrid grid = rectifying_grid(camera);
+  const RectifyingGrid grid = rectifying_grid(camera, image_camera);
   std::vector<glm::vec4> corners;
   for (std::size_t i = 0; i < grid.image_px.size(); ++i) {
     const Eigen::Vector2d& p = grid.image_px[i];
     const Eigen::Vector2d& v = grid.video[i];
-    corners.emplace_back(static_cast<float>(2.0 * (p.x() + 0.5) / width_ - 1.0),
-                         static_cast<float>(2.0 * (p.y() + 0.5) / height_ - 1.0),
+    corners.emplace_back(static_cast<float>(2.0 * (p.x() + 0.5) / image_camera.width() - 1.0),
+                         static_cast<float>(2.0 * (p.y() + 0.5) / image_camera.height() - 1.0),
                          static_cast<float>(v.x()), static_cast<float>(v.y()));
   }
   std::vector<std::uint32_t> indices;

@@ -39,7 +39,7 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
     const CameraModel undistorted = without_distortion(camera);
     EXPECT_FALSE(undistorted.has_distortion());
     EXPECT_EQ(undistorted.parameters().fx, camera.parameters().fx);
-    const RectifyingGrid grid = rectifying_grid(camera);
+    const RectifyingGrid grid = rectifying_grid(camera, without_distortion(camera));
     double worst = 0.0;
     for (int row = 0; row + 1 < grid.rows; ++row) {
       for (int column = 0; column + 1 < grid.columns; ++column) {
