@@ -15,7 +15,9 @@
 #include <vector>
 
 #include "core/text/text.hpp"
+#include "render/model/animated_model.hpp"
 #include "support/paths.hpp"
+#include "tools/models/animated_models.hpp"
 #include "tools/models/bundled_models.hpp"
 #include "tools/models/glb_writer.hpp"
 
@@ -100,10 +102,10 @@ std::vector<double> volumes(const Part& part) {
 
 TEST(BundledModels, MatchFilesWrittenByMakeModels) {
   std::set<std::string> expected;
-  for (const Model& model : bundled_models()) {
-    const std::string name = model.name + ".glb";
+  const auto check = [&expected](const std::string& model,
+                                 const Result<std::vector<std::uint8_t>>& made) {
+    const std::string name = model + ".glb";
     expected.insert(name);
-    const auto made = models::encode_glb(model);
     ASSERT_TRUE(made) << made.error().message;
     const test::TemporaryFolder folder;
     ASSERT_TRUE(write_file(folder.path() / name, *made));
@@ -113,7 +115,10 @@ TEST(BundledModels, MatchFilesWrittenByMakeModels) {
     ASSERT_TRUE(shipped) << shipped.error().message;
     EXPECT_TRUE(*fresh == *shipped)
         << name << " is not what make_models writes now; run make_models scenes/models";
-  }
+  };
+  for (const Model& model : bundled_models()) check(model.name, models::encode_glb(model));
+  for (const models::MovingModel& moving : models::make_moving_models())
+    check(moving.model.name, models::encode_glb(moving));
   std::set<std::string> present;
   for (const auto& entry : std::filesystem::directory_iterator(models_dir()))
     if (entry.path().extension() == ".glb") present.insert(entry.path().filename().string());
@@ -285,6 +290,47 @@ TEST(BundledModels, IncludeTreeAndHandOfRequiredComplexity) {
   EXPECT_GT(welded(hand), 1'200U);
   EXPECT_LT(welded(hand), 1'800U);
   EXPECT_EQ(volumes(parts_of(hand).begin()->second).size(), 1U);
+}
+
+TEST(MovingModels, LoadWithTheirAnimationAndWithoutWarnings) {
+  for (const models::MovingModel& moving : models::make_moving_models()) {
+    const auto file = models_dir() / (moving.model.name + ".glb");
+    const auto rest = load_model(file);
+    ASSERT_TRUE(rest) << rest.error().message;
+    EXPECT_TRUE(rest->warnings.size() == 1) << "of the animation, which is not chosen";
+    const auto animated = AnimatedModel::load(file, moving.motion.name);
+    ASSERT_TRUE(animated) << animated.error().message;
+    EXPECT_EQ((*animated)->end_s(), moving.motion.duration_s);
+    const auto shape = (*animated)->at(0.0).value();
+    EXPECT_TRUE(shape->warnings.empty());
+    EXPECT_EQ(shape->triangle_count(), triangle_count(moving.model));
+    EXPECT_EQ(shape->meshes[0].positions,
+              (*animated)->at((*animated)->end_s()).value()->meshes[0].positions)
+        << "the motion repeats";
+    // On the table, within 3 mm.
+    EXPECT_NEAR((*animated)->box().min_corner.z, 0.0F, 0.003F) << moving.model.name;
+  }
+}
+
+TEST(MovingModels, HaveClosedPartsAndWeightsOfSumOne) {
+  for (const models::MovingModel& moving : models::make_moving_models()) {
+    std::vector<Model> shapes = moving.targets;
+    shapes.push_back(moving.model);
+    for (const Model& shape : shapes) {
+      for (const auto& [name, part] : parts_of(shape)) {
+        EXPECT_EQ(open_edges(part), 0U) << shape.name << ": " << name;
+        for (const double volume : volumes(part)) EXPECT_GT(volume, 0.0) << shape.name;
+      }
+    }
+    for (std::size_t mesh = 0; mesh < moving.skin.size(); ++mesh) {
+      ASSERT_EQ(moving.skin[mesh].size(), moving.model.meshes[mesh].positions.size());
+      for (const models::BoneWeights& of_vertex : moving.skin[mesh]) {
+        float sum = 0.0F;
+        for (const float weight : of_vertex.weights) sum += weight;
+        ASSERT_EQ(sum, 1.0F);
+      }
+    }
+  }
 }
 
 }  // namespace
