@@ -116,8 +116,6 @@ struct Compositor::Impl {
   }
 
   Result<void> prepare(const DrawContext& draw_context, const FramePlan& plan) {
-    for (const PosedModel& posed : plan.posed)
-      scene.objects[static_cast<std::size_t>(posed.object)].model = posed.model;
     objects.pose(plan.posed);
     PENUMBRA_TRY_VOID(objects.choose(draw_context.mode, draw_context.video_format));
     casters.begin_frame();
@@ -126,6 +124,28 @@ struct Compositor::Impl {
         PENUMBRA_TRY_VOID(pass->prepare(draw_context, plan));
     }
     return {};
+  }
+
+  // Puts the shapes of the frame in place. Returns the plan with the layered shadows of objects
+  // whose kernels are carried.
+  [[nodiscard]] FramePlan with_shapes(const FramePlan& plan) {
+    for (const PosedModel& posed : plan.posed)
+      scene.objects[static_cast<std::size_t>(posed.object)].model = posed.model;
+    FramePlan posed = plan;
+    const auto choose = [&](ShadowDraw& shadow) {
+      if (!shadow.may_carry_kernels) return true;
+      if (!casters.carries_kernels(scene, shadow)) return false;
+      shadow.technique = ShadowTechnique::layered;
+      return true;
+    };
+    for (ShadowDraw& shadow : posed.shadows) {
+      const SkippedPass not_carried{SkipReason::kernels_not_carried, shadow.object};
+      if (!choose(shadow) && std::ranges::find(stats.skipped, not_carried) == stats.skipped.end())
+        stats.skipped.push_back(not_carried);
+    }
+    for (ShadowDraw& shadow : posed.skipped_shadows) choose(shadow);
+    for (ReceivedShadowDraw& received : posed.received_shadows) choose(received.shadow);
+    return posed;
   }
 
   void draw_passes(const DrawContext& draw_context, const FramePlan& plan) {
@@ -216,7 +236,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   return Compositor(std::move(impl));
 }
 
-Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
+Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& planned) {
   Impl& m = *impl_;
   if (frame.empty() || frame.width != m.video_size.width || frame.height != m.video_size.height) {
     return fail(
@@ -233,9 +253,12 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
                             m.video,
                             frame,
                             m.resampled ? std::nullopt : std::optional(frame.format),
-                            choose_translucency(plan.translucency, m.abilities),
+                            choose_translucency(planned.translucency, m.abilities),
                             m.stats};
   const Stopwatch shadow_clock;
+  const std::optional<FramePlan> with_shapes =
+      planned.posed.empty() ? std::nullopt : std::optional(m.with_shapes(planned));
+  const FramePlan& plan = with_shapes ? *with_shapes : planned;
   if (m.gpu_timer) {
     m.gpu_timer->take(m.stats.gpu_ms);
     m.gpu_timer->begin();

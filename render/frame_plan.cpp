@@ -197,12 +197,13 @@ class Planner {
       draw.object = caster;
       draw.plane = receiver.plane;
       draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
-      // Kernels would have to be generated in each frame (docs/shadows.md#animated-models).
-      if (technique == ShadowTechnique::layered && object_at(caster).playback.model)
-        draw.technique = ShadowTechnique::field;
+      // docs/shadows.md#kernels-of-animated-models
+      draw.may_carry_kernels =
+          technique == ShadowTechnique::layered && object_at(caster).playback.model != nullptr;
+      if (draw.may_carry_kernels) draw.technique = ShadowTechnique::field;
       draw.kernels = options_.kernels.value_or(node.kernels);
       // A proportional light needs each part's thickness; one kernel per object has none.
-      if (traits_of(draw.technique).uses_kernels && draw.kernels != KernelSource::centroid) {
+      if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
         draw.light_mode = options_.light_mode.value_or(node.light_mode);
       }
       draw.proxy = options_.proxies;

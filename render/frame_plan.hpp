@@ -59,6 +59,9 @@ struct ShadowShape {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
   LightMode light_mode = LightMode::proportional;
+  // The layered shadow of an object with an animation. It is planned as a field; the compositor
+  // makes it layered if carried kernels suit it (CasterCache::carries_kernels()).
+  bool may_carry_kernels = false;
   bool proxy = true;  // a reduced mesh may cast, if the object allows it
   PlaneFrame plane_frame;
   Placement T_table_object;

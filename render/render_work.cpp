@@ -49,6 +49,8 @@ constexpr auto kSkipTable = std::to_array<ReasonEntry>({
     {"field_too_coarse", Subject::object,
      "{0}: it is so large and thin that no cell of its field is covered; give it another "
      "technique"},
+    {"kernels_not_carried", Subject::object,
+     "{0}: its layered shadow is a field, because shadow kernels do not follow its animation well"},
     {"light_inside_caster", Subject::object,
      "{0}: the light \"{1}\" is inside of it, or of a part of it", Subject::light},
     {"volume_too_far", Subject::object,

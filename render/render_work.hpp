@@ -17,6 +17,7 @@ struct Scene;
 enum class Counter : std::size_t {
   shadow_vertices,      // vertices that the CPU projected or clipped for shadows
   kernel_generations,   // sets of kernels, and of part lights, made for a tilt
+  kernels_carried,      // sets of kernels carried to a shape of an animation
   reprojections,        // shadows drawn with the geometry of an earlier frame
   triples_recomputed,   // shadows with new geometry
   proxy_shadows,        // drawn from a reduced mesh
@@ -41,12 +42,12 @@ enum class Counter : std::size_t {
 };
 // The counters' keys in the report.
 inline constexpr auto kCounterNames = std::to_array<std::string_view>(
-    {"shadow_vertices",  "kernel_generations",  "reprojections",        "triples_recomputed",
-     "proxy_shadows",    "proxy_checks",        "proxy_faces_saved",    "layer_masks_drawn",
-     "layer_masks_kept", "mask_pieces_skipped", "phantom_masks_drawn",  "phantom_masks_kept",
-     "video_copies",     "video_imports",       "pixel_buffer_uploads", "pixel_buffer_read_backs",
-     "kernel_faces",     "twisted_faces",       "passes_drawn",         "passes_skipped",
-     "edge_pixels",      "draw_calls"});
+    {"shadow_vertices",         "kernel_generations", "kernels_carried",     "reprojections",
+     "triples_recomputed",      "proxy_shadows",      "proxy_checks",        "proxy_faces_saved",
+     "layer_masks_drawn",       "layer_masks_kept",   "mask_pieces_skipped", "phantom_masks_drawn",
+     "phantom_masks_kept",      "video_copies",       "video_imports",       "pixel_buffer_uploads",
+     "pixel_buffer_read_backs", "kernel_faces",       "twisted_faces",       "passes_drawn",
+     "passes_skipped",          "edge_pixels",        "draw_calls"});
 static_assert(kCounterNames.size() == static_cast<std::size_t>(Counter::draw_calls) + 1);
 
 class RenderCounters {
@@ -91,6 +92,7 @@ enum class SkipReason {
   umbra_vanished,          // object
   mask_impossible,         // plane, object
   field_too_coarse,        // object
+  kernels_not_carried,     // object
   light_inside_caster,     // object, light
   volume_too_far,          // object, light
   count                    // number of reasons

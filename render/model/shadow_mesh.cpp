@@ -395,6 +395,37 @@ ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> gro
   return mesh;
 }
 
+std::optional<ShadowMesh> moved_to_shape(const ShadowMesh& mesh, const Model& made_from,
+                                         const Model& shape, double max_gap) {
+  const auto has_same_faces = [](const Mesh& a, const Mesh& b) {
+    return a.positions.size() == b.positions.size() && a.indices == b.indices &&
+           a.source_vertex == b.source_vertex;
+  };
+  if (shape.origin != made_from.origin ||
+      !std::ranges::equal(shape.meshes, made_from.meshes, has_same_faces))
+    return std::nullopt;
+  ShadowMesh moved = mesh;
+  std::vector<bool> is_set(mesh.positions.size(), false);
+  const auto max_squared = static_cast<float>(max_gap * max_gap);
+  for (const Mesh& source : shape.meshes) {
+    for (std::size_t i = 0; i < source.positions.size(); ++i) {
+      const std::uint32_t to = mesh.from_source[source.source_vertex[i]];
+      if (to == kNoShadowPosition) continue;
+      const glm::vec3& p = source.positions[i];
+      if (!is_finite(p)) return std::nullopt;
+      const glm::vec3 gap = p - moved.positions[to];
+      // The first of the welded vertices gives the position, as in make_shadow_mesh().
+      if (!is_set[to]) {
+        moved.positions[to] = p;
+        is_set[to] = true;
+      } else if (!(glm::dot(gap, gap) <= max_squared)) {
+        return std::nullopt;
+      }
+    }
+  }
+  return moved;
+}
+
 std::optional<std::string> warning_of_lost_faces(const Model& model, const std::string& file) {
   // Only edges up to twice the weld distance can collapse.
   const double distance = weld_distance(model);

@@ -49,6 +49,13 @@ enum class CutOuts { whole_faces, visible_regions };
                                           std::span<const std::string> groups = {},
                                           CutOuts cut_outs = CutOuts::whole_faces);
 
+// Returns a mesh in another shape of its model, without welding again. `made_from`: the shape that
+// make_shadow_mesh() welded, with whole faces. Returns nullopt if the shape has other faces or
+// another origin, or if vertices that were welded are more than `max_gap` [m] apart.
+[[nodiscard]] std::optional<ShadowMesh> moved_to_shape(const ShadowMesh& mesh,
+                                                       const Model& made_from, const Model& shape,
+                                                       double max_gap);
+
 // Returns a warning, which contains `file`, if parts of the model cast no shadow because welding
 // collapses all their faces: the number of faces and the remedy.
 [[nodiscard]] std::optional<std::string> warning_of_lost_faces(const Model& model,

@@ -6,6 +6,7 @@
 #include <glm/geometric.hpp>
 #include <set>
 
+#include "core/assert.hpp"
 #include "render/camera_gl.hpp"
 #include "render/model/cut_out.hpp"
 #include "render/passes/object_painter.hpp"
@@ -197,6 +198,43 @@ CasterCache::CasterCache(const Scene& scene, const CameraModel& camera)
   }
 }
 
+CasterCache::Animated& CasterCache::animated(const Scene& scene, int object) {
+  const auto known = animated_.find(object);
+  if (known != animated_.end()) return known->second;
+  const SceneObject& shown = scene.objects[static_cast<std::size_t>(object)];
+  return animated_.emplace(object, Animated{{shown.playback.model, shown.groups}}).first->second;
+}
+
+bool CasterCache::carries_kernels(const Scene& scene, const ShadowDraw& draw) {
+  const auto index = static_cast<std::size_t>(draw.object);
+  // A new tilt would need new kernels and comparisons. Kernels ignore cut-outs.
+  if (!steady_[index] || cut_outs_[index]) return false;
+  Animated& from = animated(scene, draw.object);
+  AnimatedCaster& caster = from.caster;
+  if (!caster.mesh_of(*scene.objects[index].model)) return false;
+  const Eigen::Vector3d up = draw.T_table_object.rotation.conjugate() * draw.plane_frame.n;
+  const KernelDirection direction = KernelDirection::nearest(up);
+  // The user can tilt the object; see above.
+  if (from.directions.try_emplace(draw.plane, direction).first->second != direction) return false;
+  // In half octaves, so that not every change of the light is compared again.
+  const double octaves = std::log2(draw.constants.umbra_height / draw.T_table_object.scale);
+  return caster.suits({direction, draw.kernels},
+                      {draw.light_mode, std::exp2(0.5 * std::round(2.0 * octaves))});
+}
+
+// Makes the mesh of a caster whose kernels are carried. Requires carries_kernels().
+void CasterCache::set_shape(const Scene& scene, const ShadowDraw& draw, CachedCaster& entry) {
+  Animated& from = animated(scene, draw.object);
+  std::optional<ShadowMesh> mesh = from.caster.mesh_of(*entry.model);
+  PENUMBRA_ASSERT(mesh.has_value());
+  entry.carrier = &from.caster;
+  entry.mesh = std::move(*mesh);
+  if (!from.edges_made) from.edges = paired_edges(entry.mesh.indices);
+  from.edges_made = true;
+  entry.whole.edges = from.edges;
+  entry.whole.edges_made = from.edges.has_value();
+}
+
 CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw) {
   const auto index = static_cast<std::size_t>(draw.object);
   const SceneObject& object = scene.objects[index];
@@ -205,14 +243,19 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
                                ? CutOuts::visible_regions
                                : CutOuts::whole_faces;
   const bool rigid = object.playback.model == nullptr;
+  const bool carried = !rigid && traits_of(draw.technique).uses_kernels;
   auto& entry = casters_[{rigid ? object.model.get() : nullptr, edge, object.proxy_model.get(),
-                          object.groups, cut_outs, rigid ? -1 : draw.object}];
+                          object.groups, cut_outs, rigid ? -1 : draw.object, carried}];
   if (!entry) entry = std::make_unique<CachedCaster>();
   if (entry->model == object.model) return *entry;
   // Keeps the address, which other frames compare.
   *entry = CachedCaster();
   entry->model = object.model;
-  entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
+  if (carried) {
+    set_shape(scene, draw, *entry);
+  } else {
+    entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
+  }
   entry->stored_source = stored_kernel_source(*object.model);
   set_geometry(entry->whole, entry->mesh, edge);
   if (cut_outs == CutOuts::whole_faces && object.proxy_model) {
@@ -233,7 +276,8 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   return *entry;
 }
 
-KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, RenderWork& work) {
+KernelSet& CasterCache::kernels_of(const ShadowDraw& draw, CachedCaster& caster,
+                                   const KernelKey& key, RenderWork& work) {
   const auto found = caster.sets.find(key);
   if (found != caster.sets.end()) {
     found->second.last_used = frame_count_;
@@ -250,7 +294,17 @@ KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, R
     set.made.kernels = caster.mesh.positions;
     return set;
   }
-  if (key.stored) {
+  if (caster.carrier != nullptr) {
+    const AnimatedCaster::Kernels by{key.direction, *key.source};
+    int generated = 0;
+    set.made = caster.carrier->kernels_at(by, draw.pose_s, caster.mesh.positions, generated);
+    if (draw.light_mode == LightMode::fixed) {
+      caster.part_sets[{key.direction, false}] =
+          caster.carrier->parts_at(by, draw.pose_s, generated);
+    }
+    ++work[Counter::kernels_carried];
+    work[Counter::kernel_generations] += generated;
+  } else if (key.stored) {
     set.made = stored_kernels_of(caster.mesh);
   } else {
     set.made = generate_kernels(caster.mesh, key.direction.up(), *key.source);
@@ -343,7 +397,7 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
     with.key.stored = may_be_stored && has_stored_kernels_for(caster.mesh, up);
   }
   if (traits_of(draw.technique).uses_outlines) return with;
-  with.kernels = &kernels_of(caster, with.key, work);
+  with.kernels = &kernels_of(draw, caster, with.key, work);
   with.reduced = proxy_casts(draw, caster, with.key, *with.kernels, work);
   const bool on_cpu = projects_on_cpu(draw, caster.body(with.reduced));
   write_vertices(caster, *with.kernels, with.reduced, to_gpu && !on_cpu);

@@ -14,6 +14,7 @@
 
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/shadow/casters/animated_caster.hpp"
 #include "render/shadow/casters/caster_geometry.hpp"
 #include "render/shadow/casters/shadow_proxy.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
@@ -90,6 +91,7 @@ struct CachedCaster {
   };
 
   std::shared_ptr<const Model> model;  // what the caster was made from
+  AnimatedCaster* carrier = nullptr;   // gives its kernels; null: they are made for its shape
   ShadowMesh mesh;
   // Source of the kernels in the model's file, also used for other tilts.
   KernelSource stored_source = KernelSource::automatic;
@@ -126,6 +128,11 @@ class CasterCache {
   // Starts a frame: older kernel sets may be evicted.
   void begin_frame() { ++frame_count_; }
 
+  // Returns true if carried kernels suit an object with an animation, whose shape is in the scene.
+  // The same in all frames while the object has its tilt and the light its kind, except in shapes
+  // with other faces.
+  [[nodiscard]] bool carries_kernels(const Scene& scene, const ShadowDraw& draw);
+
   CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
 
   // The mesh and kernels of a shadow. For a technique with uses_outlines, only the key is set.
@@ -151,11 +158,23 @@ class CasterCache {
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
 
  private:
-  // Model, longest edge, proxy model, groups and cut-outs. The last one is an object with an
-  // animation, whose model changes and is null in the key; -1: a rigid model, which objects share.
-  using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts, int>;
+  // Model, longest edge, proxy model, groups and cut-outs. The last two are an object with an
+  // animation, whose model changes and is null in the key (-1: a rigid model, which objects share),
+  // and whether its kernels are carried.
+  using Key =
+      std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts, int, bool>;
 
-  KernelSet& kernels_of(CachedCaster& caster, const KernelKey& key, RenderWork& work);
+  // An object with an animation, and the edges of its mesh if this is closed.
+  struct Animated {
+    AnimatedCaster caster;
+    std::optional<std::vector<SharedEdge>> edges = {};
+    bool edges_made = false;
+    std::map<int, KernelDirection> directions = {};  // by plane, of the kernels
+  };
+  Animated& animated(const Scene& scene, int object);
+  void set_shape(const Scene& scene, const ShadowDraw& draw, CachedCaster& entry);
+  KernelSet& kernels_of(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
+                        RenderWork& work);
   bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                    KernelSet& set, RenderWork& work);
 
@@ -164,6 +183,7 @@ class CasterCache {
   std::vector<bool> steady_;    // scale and tilt are constant
   std::vector<bool> cut_outs_;  // has_cut_outs() of its model
   std::map<Key, std::unique_ptr<CachedCaster>> casters_;
+  std::map<int, Animated> animated_;  // by object
   std::uint64_t frame_count_ = 0;
 };
 

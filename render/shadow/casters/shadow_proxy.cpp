@@ -22,7 +22,6 @@ constexpr std::size_t kManyFaces = 20'000;
 constexpr double kShareOfFew = 0.5;        // fraction of the faces to keep, up to kManyFaces
 constexpr double kShareOfMany = 0.25;      // above kManyFaces
 constexpr double kWorthwhileShare = 0.75;  // a larger fraction of the faces saves too little
-constexpr int kComparedCells = 256;        // along a layer's longer side
 
 // A k-d tree for the nearest of many points.
 class PointTree {
@@ -81,24 +80,6 @@ class PointTree {
   const std::vector<glm::vec3>& points_;
   std::vector<std::uint32_t> order_;
 };
-
-double layer_iou(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
-  if (a.empty() && b.empty()) return 1.0;
-  const Eigen::AlignedBox2f box = bounds_of(a).merged(bounds_of(b));
-  const Eigen::Vector2f size = box.sizes();
-  const float longer = size.maxCoeff();
-  // All points coincide or exceed the range of floats.
-  if (!(longer > 0.0F) || !std::isfinite(longer)) return 1.0;
-  const float cell = longer / static_cast<float>(kComparedCells);
-  const auto cells = [cell](float length) {
-    return std::clamp(static_cast<int>(std::ceil(length / cell)), 1, kComparedCells);
-  };
-  Coverage first(box.min(), cell, cells(size.x()), cells(size.y()));
-  Coverage second = first;
-  first.cover(a);
-  second.cover(b);
-  return first.iou(second);
-}
 
 struct ComparedMesh {
   const ShadowMesh& mesh;

@@ -8,6 +8,8 @@ namespace penumbra {
 
 namespace {
 
+constexpr int kComparedCells = 256;  // along a layer's longer side in layer_iou()
+
 float crossing(const Eigen::Vector2f& a, const Eigen::Vector2f& b, float y) {
   return b.y() > a.y() ? a.x() + (b.x() - a.x()) * ((y - a.y()) / (b.y() - a.y())) : b.x();
 }
@@ -96,6 +98,24 @@ void Coverage::fill(int row, int from, int to) {
     if (word == last) mask &= ~std::uint64_t{0} >> (63U - static_cast<unsigned>(to) % 64U);
     words[word] |= mask;
   }
+}
+
+double layer_iou(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
+  if (a.empty() && b.empty()) return 1.0;
+  const Eigen::AlignedBox2f box = bounds_of(a).merged(bounds_of(b));
+  const Eigen::Vector2f size = box.sizes();
+  const float longer = size.maxCoeff();
+  // All points coincide or exceed the range of floats.
+  if (!(longer > 0.0F) || !std::isfinite(longer)) return 1.0;
+  const float cell = longer / static_cast<float>(kComparedCells);
+  const auto cells = [cell](float length) {
+    return std::clamp(static_cast<int>(std::ceil(length / cell)), 1, kComparedCells);
+  };
+  Coverage first(box.min(), cell, cells(size.x()), cells(size.y()));
+  Coverage second = first;
+  first.cover(a);
+  second.cover(b);
+  return first.iou(second);
 }
 
 }  // namespace penumbra

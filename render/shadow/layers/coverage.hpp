@@ -45,4 +45,8 @@ class Coverage {
   std::vector<std::uint64_t> bits_;
 };
 
+// Returns the intersection over union of two layers, given as triangles of three points each; 1 if
+// both are empty.
+[[nodiscard]] double layer_iou(std::span<const PlanePoint> a, std::span<const PlanePoint> b);
+
 }  // namespace penumbra

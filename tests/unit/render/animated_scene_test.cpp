@@ -1,6 +1,7 @@
 // Scenes whose objects play animations of their models: time, drawing and shadows.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -8,6 +9,7 @@
 #include "render/model/animated_model.hpp"
 #include "render/scene/scene_writer.hpp"
 #include "support/animated_gltf.hpp"
+#include "support/moving_shadow.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -304,9 +306,8 @@ TEST_P(AnimatedShadows, EqualThoseOfRigidModelOfSameShape) {
   const CameraModel camera = test::camera_of(kSide, kSide, 280.0);
   const Frame white = test::plain_frame(kSide, kSide, 235);
   test::Studio animated(animated_scene(GetParam()), camera);
-  // Shadow kernels are for rigid models only.
-  const ShadowTechnique technique =
-      GetParam() == ShadowTechnique::layered ? ShadowTechnique::field : GetParam();
+  // Carried kernels differ from those of a rigid model.
+  const bool is_carried = GetParam() == ShadowTechnique::layered;
   std::optional<test::RenderedImage> before;
   double time_before = -1.0;
   for (const double time : {0.0, 0.4, 0.4, 1.3, 2.4, 0.0}) {
@@ -315,8 +316,14 @@ TEST_P(AnimatedShadows, EqualThoseOfRigidModelOfSameShape) {
       EXPECT_EQ(image, before);
       EXPECT_EQ(animated.stats()[Counter::triples_recomputed], 0) << "nothing has changed";
     }
-    test::Studio rigid(rigid_scene(technique, time), camera);
-    EXPECT_EQ(image.rgba, rigid.draw(white, rigid.plan(oblique())).rgba) << time << " s";
+    test::Studio rigid(rigid_scene(GetParam(), time), camera);
+    const auto of_rigid = rigid.draw(white, rigid.plan(oblique()));
+    if (!is_carried) {
+      EXPECT_EQ(image.rgba, of_rigid.rgba) << time << " s";
+    }
+    // No image depends on earlier ones.
+    test::Studio fresh(animated_scene(GetParam()), camera);
+    EXPECT_EQ(image.rgba, fresh.draw(white, fresh.plan(oblique(), {}, time)).rgba) << time << " s";
     if (time == 1.3) {
       EXPECT_NE(image.rgba, before->rgba);
     }
@@ -384,6 +391,93 @@ TEST_F(AnimatedDrawing, PlansWithBoundsOfCurrentShape) {
   EXPECT_EQ(later.shadows[0].technique, ShadowTechnique::field);
   EXPECT_EQ(later.shadows[0].pose_s, 1.0);
   EXPECT_GT((start.shadows[0].centre - later.shadows[0].centre).norm(), 0.005);
+}
+
+// --- layered shadows ---
+
+class AnimatedLayers : public AnimatedScene {
+ protected:
+  // A scene of one object that plays an animation.
+  [[nodiscard]] static test::SceneBuilder scene_with(const models::MovingModel& moving,
+                                                     ShadowTechnique technique,
+                                                     const Placement& placement = {}) {
+    const auto model = test::loaded(moving);
+    test::SceneBuilder builder;
+    builder.add(model->at(0.0).value(), placement);
+    Scene& scene = builder.scene();
+    scene.objects[0].playback = {model, 1.0, 0.0, true};
+    scene.shadows[0].technique = technique;
+    scene.shadows[0].layered = make_layered_constants(0.9, 3.0, 0.0).value();
+    return builder;
+  }
+  struct Drawn {
+    test::RenderedImage image;
+    CompositeStats stats;
+    [[nodiscard]] bool is_field() const {
+      return std::ranges::count(stats.skipped, SkipReason::kernels_not_carried,
+                                &SkippedPass::reason) == 1;
+    }
+  };
+  [[nodiscard]] static Drawn draw(test::SceneBuilder builder, double time_s) {
+    test::Studio studio(builder.build(), test::camera_of(kSide, kSide, 280.0));
+    const auto image =
+        studio.draw(test::plain_frame(kSide, kSide, 235), studio.plan(oblique(), {}, time_s));
+    return {image, studio.stats()};
+  }
+};
+
+TEST_F(AnimatedLayers, UseCarriedKernelsThatSuitTheObject) {
+  const auto figure = models::make_figure();
+  const Drawn layered = draw(scene_with(figure, ShadowTechnique::layered), 0.33);
+  EXPECT_FALSE(layered.is_field());
+  EXPECT_EQ(layered.stats[Counter::kernels_carried], 1);
+  EXPECT_NE(layered.image.rgba, draw(scene_with(figure, ShadowTechnique::field), 0.33).image.rgba);
+}
+
+// At a key of the kernels, carried kernels are those of the shape.
+TEST_F(AnimatedLayers, EqualThoseOfRigidModelAtKeyOfKernels) {
+  const auto figure = models::make_figure();
+  const Drawn layered = draw(scene_with(figure, ShadowTechnique::layered), 0.0);
+  test::SceneBuilder rigid = scene_with(figure, ShadowTechnique::layered);
+  rigid.scene().objects[0].playback = {};
+  EXPECT_EQ(layered.image.rgba, draw(rigid, 0.0).image.rgba);
+}
+
+TEST_F(AnimatedLayers, FollowLightOfOneSize) {
+  test::SceneBuilder builder = scene_with(models::make_figure(), ShadowTechnique::layered);
+  const Drawn proportional = draw(builder, 0.33);
+  builder.scene().shadows[0].light_mode = LightMode::fixed;
+  const Drawn fixed = draw(builder, 0.33);
+  EXPECT_FALSE(fixed.is_field());
+  EXPECT_NE(fixed.image.rgba, proportional.image.rgba);
+}
+
+TEST_F(AnimatedLayers, AreFieldsWhereKernelsDoNotSuit) {
+  const auto is_field = [](const test::SceneBuilder& builder) {
+    const Drawn layered = draw(builder, 0.33);
+    test::SceneBuilder field = builder;
+    field.scene().shadows[0].technique = ShadowTechnique::field;
+    EXPECT_EQ(layered.image.rgba, draw(field, 0.33).image.rgba);
+    EXPECT_EQ(layered.stats[Counter::kernels_carried], 0);
+    EXPECT_EQ(layered.stats[Counter::passes_skipped], 1);
+    return layered.is_field();
+  };
+  EXPECT_TRUE(is_field(scene_with(models::make_blob(2.0), ShadowTechnique::layered)));
+  // A changing tilt would need new kernels and a new comparison.
+  test::SceneBuilder tilting = scene_with(models::make_figure(), ShadowTechnique::layered);
+  tilting.scene().objects[0].animation.spin_axis = Eigen::Vector3d::UnitX();
+  tilting.scene().objects[0].animation.spin_turns_per_s = 0.2;
+  EXPECT_TRUE(is_field(tilting));
+  // COCL is far from the shadow of a figure.
+  test::SceneBuilder cocl = scene_with(models::make_figure(), ShadowTechnique::layered);
+  cocl.scene().shadows[0].kernels = KernelSource::centroid;
+  EXPECT_TRUE(is_field(cocl));
+}
+
+TEST_F(AnimatedLayers, TurnWithTheirObject) {
+  test::SceneBuilder builder = scene_with(models::make_figure(), ShadowTechnique::layered);
+  builder.scene().objects[0].animation.spin_turns_per_s = 0.2;  // about z, which keeps the tilt
+  EXPECT_FALSE(draw(builder, 0.33).is_field());
 }
 
 }  // namespace
