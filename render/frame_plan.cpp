@@ -60,7 +60,9 @@ std::vector<const Model*> pose_models(const Scene& scene, const SceneState& stat
   for (std::size_t i = 0; i < state.poses.size(); ++i) {
     if (!scene.objects[i].playback.model) continue;
     const auto object = static_cast<int>(i);
-    plan.posed.push_back({object, shape_of(scene, state, object)});
+    bool is_missing = false;
+    plan.posed.push_back({object, shape_of(scene, state, object, &is_missing)});
+    if (is_missing) plan.skipped.push_back({SkipReason::shape_missing, object});
     posed.resize(scene.objects.size(), nullptr);
     posed[i] = plan.posed.back().model.get();
   }

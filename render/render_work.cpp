@@ -26,6 +26,8 @@ constexpr auto kSkipTable = std::to_array<ReasonEntry>({
     {"group_not_seen", Subject::object, "{0}: its tags are not seen"},
     {"group_not_seen", Subject::plane, "{0}: its tags are not seen"},
     {"object_out_of_view", Subject::object, "{0}: outside the view"},
+    {"shape_missing", Subject::object,
+     "{0}: its animation moves a vertex too far away at this time; its first shape is shown"},
     {"technique_none", Subject::node, "{0}: no shadows asked for"},
     {"camera_behind_plane", Subject::plane, "{0}: seen from behind"},
     {"casts_no_shadow", Subject::object, "{0}: casts no shadow"},

@@ -74,6 +74,7 @@ enum class SkipReason {
   object_group_not_seen,   // object
   plane_group_not_seen,    // plane
   object_out_of_view,      // object
+  shape_missing,           // object
   technique_none,          // node
   camera_behind_plane,     // plane
   casts_no_shadow,         // object

@@ -174,6 +174,8 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
     if (skipped.reason == SkipReason::no_light && warned_.insert(skipped).second) {
       log_warning("{}: no shadow: {}", scene_.file, text_of(skipped, scene_));
     }
+    if (skipped.reason == SkipReason::shape_missing && warned_.insert(skipped).second)
+      log_warning("{}: {}", scene_.file, text_of(skipped, scene_));
   }
   state_ = std::move(state);
   result.plan_time = plan_watch.elapsed();

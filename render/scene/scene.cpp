@@ -194,10 +194,13 @@ double pose_of(const SceneState& state, int object) {
   return index < state.poses.size() ? state.poses[index] : 0.0;
 }
 
-std::shared_ptr<const Model> shape_of(const Scene& scene, const SceneState& state, int object) {
+std::shared_ptr<const Model> shape_of(const Scene& scene, const SceneState& state, int object,
+                                      bool* is_missing) {
   const SceneObject& shown = scene.objects[static_cast<std::size_t>(object)];
   if (!shown.playback.model) return shown.model;
-  return shown.playback.model->at(pose_of(state, object)).value_or(shown.model);
+  const auto shape = shown.playback.model->at(pose_of(state, object));
+  if (is_missing != nullptr) *is_missing = !shape;
+  return shape.value_or(shown.model);
 }
 
 Placement placed_model(const Model& model, const Placement& T_world_object) {

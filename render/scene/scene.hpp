@@ -216,9 +216,10 @@ struct SceneState {
 // Returns the time of an object's animation; 0 if it is rigid.
 [[nodiscard]] double pose_of(const SceneState& state, int object);
 // Returns the shape of an object at this time; null for an object without a model. If the animation
-// has no shape at this time (AnimatedModel::at() fails), returns SceneObject::model.
+// has no shape at this time (AnimatedModel::at() fails), returns SceneObject::model and sets
+// `is_missing`, unless it is null.
 [[nodiscard]] std::shared_ptr<const Model> shape_of(const Scene& scene, const SceneState& state,
-                                                    int object);
+                                                    int object, bool* is_missing = nullptr);
 
 // Returns the tag groups, except the table, of objects and of planes of shadow nodes; sorted.
 [[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);

@@ -480,5 +480,32 @@ TEST_F(AnimatedLayers, TurnWithTheirObject) {
   EXPECT_FALSE(draw(builder, 0.33).is_field());
 }
 
+// A spline overshoots its keys and moves a vertex beyond the limit between the sampled times.
+TEST_F(AnimatedScene, ReportsTimesWithoutShape) {
+  GltfBuilder file;
+  file.node({{"mesh", file.square(0.1F)}});
+  const float far = 1e20F;
+  // In-tangent, value and out-tangent of each key. Short segments lie between samples.
+  test::animate(file, 0, "translation", {0, 0.01F, 0.02F, 1},
+                std::vector<float>{0,    0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, far, 0, 0,
+                                   -far, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,   0, 0},
+                {.interpolation = "CUBICSPLINE"});
+  write("spline.glb", file.glb());
+  const auto scene = scene_of({{"name", "leaper"}, {"model", "spline.glb"}, {"animation", 0}});
+  ASSERT_TRUE(scene) << scene.error().message;
+  const CameraModel camera = test::camera_of(240, 240, 280.0);
+  const PoseEstimate pose = test::tracked(test::look_at({0.12, -0.35, 0.3}, {0.0, 0.0, 0.02}));
+  const auto plan_at = [&](double time_s) {
+    return plan_frame(*scene, evaluate_scene(*scene, time_s), pose, camera);
+  };
+  EXPECT_EQ(
+      std::ranges::count(plan_at(0.0).skipped, SkipReason::shape_missing, &SkippedPass::reason), 0);
+  const FramePlan plan = plan_at(0.015);
+  ASSERT_EQ(std::ranges::count(plan.skipped, SkipReason::shape_missing, &SkippedPass::reason), 1);
+  EXPECT_EQ(plan.posed.at(0).model, scene->objects[0].model);
+  EXPECT_THAT(text_of({SkipReason::shape_missing, 0}, *scene),
+              HasSubstr("leaper: its animation moves a vertex too far away"));
+}
+
 }  // namespace
 }  // namespace penumbra
