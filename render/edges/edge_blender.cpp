@@ -51,10 +51,7 @@ float distance(const glm::vec3& a, const glm::vec3& b) {
 }  // namespace
 
 float EdgeBlender::near_at(int x, int y) const {
-  const std::uint32_t depth =
-      image_->depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(image_->rect.width) +
-                    static_cast<std::size_t>(x)] >>
-      8U;
+  const std::uint32_t depth = image_->depth[index_of(x, y)] >> 8U;
   return image_->depth_scale.x * static_cast<float>(depth) + image_->depth_scale.y;
 }
 
@@ -91,9 +88,7 @@ void EdgeBlender::add_piece(const ScreenEdge& edge, int x, int y, const glm::vec
       if (std::abs(here - surface) > surface * kOnSurface) return;
       break;
   }
-  const auto pixel = static_cast<std::size_t>(y) * static_cast<std::size_t>(image_->rect.width) +
-                     static_cast<std::size_t>(x);
-  std::uint32_t& slot = slots_[pixel];
+  std::uint32_t& slot = slots_[index_of(x, y)];
   if (slot == 0) {
     cells_.emplace_back();
     cells_.back().x = x;
@@ -218,12 +213,7 @@ std::optional<EdgeBlender::Neighbour> EdgeBlender::neighbour(const Cell& cell,
 }
 
 glm::vec3 EdgeBlender::colour(const Cell& cell, const Neighbour& from, bool left) const {
-  const auto pixel =
-      static_cast<std::size_t>(from.y) * static_cast<std::size_t>(image_->rect.width) +
-      static_cast<std::size_t>(from.x);
-  const std::uint8_t* codes = drawn_.data() + 4 * pixel;
-  const glm::vec3 there(static_cast<float>(codes[0]), static_cast<float>(codes[1]),
-                        static_cast<float>(codes[2]));
+  const glm::vec3 there = drawn_at(from.x, from.y);
   if (image_->video == nullptr) return there;
   const bool over_video =
       kind_ == EdgeKind::shadow_on_plane || kind_ == EdgeKind::shadow_on_phantom ||
@@ -246,12 +236,7 @@ bool EdgeBlender::blend(const Cell& cell) {
   // Beside an outline, the neighbour may show something else than the other face of the crease.
   if (kind_ == EdgeKind::crease && (outlined(cell.x, cell.y) || outlined(other->x, other->y)))
     return false;
-  const auto pixel =
-      static_cast<std::size_t>(cell.y) * static_cast<std::size_t>(image_->rect.width) +
-      static_cast<std::size_t>(cell.x);
-  const std::uint8_t* before = drawn_.data() + 4 * pixel;
-  const glm::vec3 here(static_cast<float>(before[0]), static_cast<float>(before[1]),
-                       static_cast<float>(before[2]));
+  const glm::vec3 here = drawn_at(cell.x, cell.y);
   glm::vec3 mixed_in = colour(cell, *other, left);
   if (part > kHalf) {
     const auto own = neighbour(cell, -towards, !left);
@@ -263,7 +248,7 @@ bool EdgeBlender::blend(const Cell& cell) {
       }
     }
   }
-  std::uint8_t* after = image_->rgba.data() + 4 * pixel;
+  std::uint8_t* after = image_->rgba.data() + 4 * index_of(cell.x, cell.y);
   bool changed = false;
   for (int channel = 0; channel < 3; ++channel) {
     const float value = static_cast<float>(after[channel]) +
@@ -288,9 +273,7 @@ int EdgeBlender::blend(EdgeImage& image, std::span<const EdgeGroup> groups) {
     for (const ScreenEdge& edge : group.edges) add(edge);
     for (const Cell& cell : cells_) {
       changed += blend(cell) ? 1 : 0;
-      const std::size_t pixel =
-          static_cast<std::size_t>(cell.y) * static_cast<std::size_t>(image.rect.width) +
-          static_cast<std::size_t>(cell.x);
+      const std::size_t pixel = index_of(cell.x, cell.y);
       slots_[pixel] = 0;
       if (kind_ == EdgeKind::surface || kind_ == EdgeKind::phantom) outlined_[pixel] = 1;
     }

@@ -69,10 +69,17 @@ class EdgeBlender {
                                                    bool left) const;
   // Returns the colour of the surface at pixel `from` as it would be at the cell's pixel.
   [[nodiscard]] glm::vec3 colour(const Cell& cell, const Neighbour& from, bool left) const;
-  [[nodiscard]] bool outlined(int x, int y) const {
-    return outlined_[static_cast<std::size_t>(y) * static_cast<std::size_t>(image_->rect.width) +
-                     static_cast<std::size_t>(x)] != 0;
+  // Returns the index of a pixel of the rectangle.
+  [[nodiscard]] std::size_t index_of(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(image_->rect.width) +
+           static_cast<std::size_t>(x);
   }
+  [[nodiscard]] glm::vec3 drawn_at(int x, int y) const {
+    const std::uint8_t* codes = drawn_.data() + 4 * index_of(x, y);
+    return {static_cast<float>(codes[0]), static_cast<float>(codes[1]),
+            static_cast<float>(codes[2])};
+  }
+  [[nodiscard]] bool outlined(int x, int y) const { return outlined_[index_of(x, y)] != 0; }
   bool blend(const Cell& cell);
 
   EdgeImage* image_ = nullptr;

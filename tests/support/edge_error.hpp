@@ -9,6 +9,18 @@
 
 namespace penumbra::test {
 
+// Returns a camera without distortion that has the same view for every `scale`, and `scale` times
+// `width` x `height` pixels. Its first `scale` x `scale` pixels cover pixel (0, 0) of scale 1.
+inline CameraParameters enlarged_view(int width, int height, int scale) {
+  CameraParameters p;
+  p.width = scale * width;
+  p.height = scale * height;
+  p.fx = p.fy = scale * 280.0;
+  p.cx = scale * (0.5 * width + 1.7 + 0.5) - 0.5;
+  p.cy = scale * (0.5 * height - 2.1 + 0.5) - 0.5;
+  return p;
+}
+
 struct EdgeError {
   double rms = 0.0;           // difference at edges [grey levels]
   int edges = 0;              // number of pixels at edges

@@ -26,15 +26,8 @@ using test::RenderedImage;
 
 enum class Lens { pinhole, distorted };
 
-// Returns a camera with the same view and `scale` times as many pixels per side. Its first `scale`
-// x `scale` pixels cover pixel (0, 0) of the original.
 CameraModel view_of(int scale, Lens lens = Lens::pinhole) {
-  CameraParameters p;
-  p.width = scale * kWidth;
-  p.height = scale * kHeight;
-  p.fx = p.fy = scale * 280.0;
-  p.cx = scale * (0.5 * kWidth + 1.7 + 0.5) - 0.5;
-  p.cy = scale * (0.5 * kHeight - 2.1 + 0.5) - 0.5;
+  CameraParameters p = test::enlarged_view(kWidth, kHeight, scale);
   if (lens == Lens::distorted) p.distortion = {-0.28, 0.08, 0.001, -0.0008, 0.0};
   return CameraModel::make(p).value();
 }

@@ -21,16 +21,8 @@ namespace {
 constexpr int kViewWidth = 320;
 constexpr int kViewHeight = 240;
 
-// Returns a camera with the same view and `scale` times as many pixels per side. Its first `scale`
-// x `scale` pixels cover pixel (0, 0) of the original.
 CameraModel view_of(int scale) {
-  CameraParameters p;
-  p.width = scale * kViewWidth;
-  p.height = scale * kViewHeight;
-  p.fx = p.fy = scale * 280.0;
-  p.cx = scale * (0.5 * kViewWidth + 1.7 + 0.5) - 0.5;
-  p.cy = scale * (0.5 * kViewHeight - 2.1 + 0.5) - 0.5;
-  return CameraModel::make(p).value();
+  return CameraModel::make(test::enlarged_view(kViewWidth, kViewHeight, scale)).value();
 }
 
 PoseEstimate view_pose() {
