@@ -66,7 +66,7 @@ struct Playback {
   double speed = 1.0;                          // seconds of the animation per second
   double start_s = 0.0;                        // time of the animation at the scene's time 0
   bool loop = true;                            // repeats from 0 to the time of the last key
-  std::string animation;                       // which one of the file: ModelPose::animation
+  std::string animation{};                     // which one of the file: ModelPose::animation
 
   // Returns the time of the animation at a time of the scene.
   [[nodiscard]] double time_at(double scene_time_s) const;
