@@ -22,10 +22,10 @@ pkg_check_modules(jpeg REQUIRED IMPORTED_TARGET libjpeg)
 pkg_check_modules(tinyxml2 REQUIRED IMPORTED_TARGET tinyxml2)
 pkg_check_modules(x11 REQUIRED IMPORTED_TARGET x11>=1.7)
 pkg_check_modules(turbojpeg REQUIRED IMPORTED_TARGET libturbojpeg)
-pkg_check_modules(draco REQUIRED IMPORTED_TARGET draco)
+find_package(draco REQUIRED)  # the pkg-config file of Debian 13 has relative folders
 # Debian's libdraco exports functions of another version of tinygltf, with the same names. As a dependency it comes after libtinygltf on
 # every link line, so that the loader finds libtinygltf's functions first (unit.LinksTinygltfBeforeDraco).
-target_link_libraries(TinyGLTF::TinyGLTF INTERFACE PkgConfig::draco)
+target_link_libraries(TinyGLTF::TinyGLTF INTERFACE draco::draco)
 pkg_check_modules(polyclipping REQUIRED IMPORTED_TARGET polyclipping)
 pkg_check_modules(spng REQUIRED IMPORTED_TARGET spng)
 pkg_check_modules(webp REQUIRED IMPORTED_TARGET libwebp)
