@@ -108,8 +108,13 @@ class MeshoptWriter {
         add_normals(i, reinterpret_cast<const float*>(data), count);
       } else if (form_.filters && attributes["TEXCOORD_0"] == i) {
         std::vector<std::uint32_t> coded(bytes / 4);
-        meshopt_encodeFilterExp(coded.data(), count, bytes / count, 15,
-                                reinterpret_cast<const float*>(data));
+        const auto* values = reinterpret_cast<const float*>(data);
+#if MESHOPTIMIZER_VERSION < 200
+        meshopt_encodeFilterExp(coded.data(), count, bytes / count, 15, values);
+#else
+        meshopt_encodeFilterExp(coded.data(), count, bytes / count, 15, values,
+                                meshopt_EncodeExpSharedVector);
+#endif
         add_vertices(i, coded.data(), count, bytes / count, "EXPONENTIAL");
       } else {
         add_vertices(i, data, count, bytes / count, "NONE");

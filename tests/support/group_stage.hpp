@@ -8,6 +8,7 @@
 #include <memory>
 #include <numbers>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -140,7 +141,7 @@ class Stage {
   mutable std::vector<TagRenderer> renderers_;
 };
 
-inline const GroupEstimate& group_named(const TrackedFrame& tracked, const std::string& name) {
+inline const GroupEstimate& group_named(const TrackedFrame& tracked, std::string_view name) {
   return *std::ranges::find(tracked.groups, name, &GroupEstimate::name);
 }
 
