@@ -654,6 +654,11 @@ TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const auto without_feed = machine("without-feed", R"([[ "$*" != *--feed* ]] || exit 125)");
   EXPECT_EQ(without_feed.exit_code, 1) << without_feed.err;
   EXPECT_NE(without_feed.err.find("not with these cameras"), std::string::npos) << without_feed.err;
+  const auto no_setup = machine("no-setup", "exit 2");
+  EXPECT_EQ(no_setup.exit_code, 77) << no_setup.err;
+  EXPECT_NE(no_setup.err.find("can't be set up"), std::string::npos) << no_setup.err;
+  const auto failing = machine("failing", R"([[ "$*" == *--prepare* ]] || exit 2)");
+  EXPECT_EQ(failing.exit_code, 2) << failing.err;
   const auto no_command = machine("no-command", "exit 127");
   EXPECT_EQ(no_command.exit_code, 127) << no_command.err;
 }
