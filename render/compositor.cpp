@@ -17,6 +17,7 @@
 #include "render/passes/rectified_video.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/volume_pass.hpp"
+#include "render/passes/wall_pass.hpp"
 
 namespace penumbra {
 namespace {
@@ -104,12 +105,15 @@ struct Compositor::Impl {
     shadows = on_planes.get();
     PENUMBRA_TRY(auto hard, HardPass::create(api, camera));
     PENUMBRA_TRY(auto volumes, VolumePass::create(api, camera));
+    PENUMBRA_TRY(auto walls, WallPass::create(api, camera));
     PENUMBRA_TRY(auto rays, RayPass::create(api, camera));
     overlays.push_back(std::move(on_planes));
     overlays.push_back(
         std::make_unique<ReceivedShadowPass>(camera, geometry, painter, multisampled));
     overlays.push_back(std::move(hard));
     overlays.push_back(std::move(volumes));
+    // In mode retexture, shadows on planes are drawn from the video and would replace what follows.
+    overlays.push_back(std::move(walls));
     overlays.push_back(std::make_unique<BlendedPass>());
     overlays.push_back(std::move(rays));
     return {};

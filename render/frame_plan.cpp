@@ -123,10 +123,7 @@ class Planner {
           skip(SkipReason::camera_behind_plane, plane_index);
           continue;
         }
-        if (std::ranges::find(plan_.receivers, plane_index, &PlaneReceiver::plane) ==
-            plan_.receivers.end()) {
-          plan_.receivers.push_back(receiver);
-        }
+        add_receiver(receiver, technique == ShadowTechnique::walls);
         switch (technique) {
           case ShadowTechnique::simple:
           case ShadowTechnique::layered:
@@ -319,6 +316,20 @@ class Planner {
       plan_.received_shadows.push_back(draw);
     }
     return has_receivers && !reaches_any;
+  }
+
+  // `walls`: of the technique `walls`. A wall without an outline, with a tag group, or on which
+  // other techniques cast shadows, is a real one.
+  void add_receiver(const PlaneReceiver& receiver, bool walls) {
+    auto known = std::ranges::find(plan_.receivers, receiver.plane, &PlaneReceiver::plane);
+    if (known == plan_.receivers.end()) known = plan_.receivers.insert(known, receiver);
+    if (!walls || !options_.walls) return;
+    const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(receiver.plane)];
+    known->virtual_wall =
+        !plane.outline.empty() && plane.tag_group == kTableGroup &&
+        std::ranges::none_of(scene_.shadows, [&receiver](const ShadowNode& node) {
+          return std::ranges::find(node.planes, receiver.plane) != node.planes.end();
+        });
   }
 
   static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {

@@ -29,6 +29,7 @@ struct PlanOptions {
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
   bool light_rays = false;  // for every shadow node
+  bool walls = true;        // draws the virtual walls of the technique `walls`
   // Skips invisible draws and reuses results of earlier frames. Does not change the image.
   bool skip = true;
 };
@@ -51,7 +52,8 @@ struct PosedModel {
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
-  float opacity = 1.0F;  // opacity of its shadows; at most the overlay's opacity
+  float opacity = 1.0F;       // opacity of its shadows; at most the overlay's opacity
+  bool virtual_wall = false;  // drawn as a pane (wall_pass.hpp)
 };
 
 // All inputs of the shape of a caster's layers on a plane, without their darkness and visibility.

@@ -196,6 +196,8 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
                    "Draw rays from lights through vertices to their shadows, for hard, volume");
+  add_off_flag(command, "--hide-walls", plan.walls,
+               "Do not draw the virtual walls of the technique walls, only the shadows on them");
   return shadow;
 }
 
@@ -213,10 +215,11 @@ void warn_of_unused_options(const ShadowChoice& choice) {
   const PlanOptions& plan = choice.plan;
   if (!plan.technique) return;
   const TechniqueTraits traits = traits_of(*plan.technique);
-  if (traits.uses_kernels) return;
   const auto no_use = [&](std::string_view option) {
     log_warning("{}: has no effect with {} shadows", option, to_string(*plan.technique));
   };
+  if (!plan.walls && *plan.technique != ShadowTechnique::walls) no_use("--hide-walls");
+  if (traits.uses_kernels) return;
   if (choice.kernel_file ||
       plan.kernels.value_or(KernelSource::automatic) != KernelSource::automatic)
     no_use("--kernels");

@@ -76,6 +76,9 @@ class ComparisonHost final : public RunHost {
 
   void present() override { image_.present(comparison_.grid().rgba(), context_.window_size()); }
   [[nodiscard]] std::string save_screenshot() override;
+  [[nodiscard]] std::string toggle_walls() override {
+    return "the walls of a comparison are hidden by --hide-walls";
+  }
 
  private:
   [[nodiscard]] const Scene& scene() const override { return *comparison_.session().view().scene; }

@@ -134,9 +134,19 @@ std::string SessionHost::toggle_smoothing() {
   return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";
 }
 
+std::string SessionHost::toggle_walls() {
+  const auto has_walls = [](const HudNode& node) {
+    return node.style.technique == ShadowTechnique::walls;
+  };
+  if (std::ranges::none_of(nodes(), has_walls)) return "no shadow node has the technique walls";
+  session_.show_walls(!session_.shows_walls());
+  return session_.shows_walls() ? "the walls are shown" : "the walls are hidden";
+}
+
 void SessionHost::describe(HudState& state, bool debug) const {
   RunHost::describe(state, debug);
   state.smooth = session_.smooth();
+  state.walls = session_.shows_walls();
   if (!debug || !last_) return;
   const SessionView view = session_.view();
   for (const CasterKernels& caster : session_.kernels_in_use()) {

@@ -66,6 +66,7 @@ class SessionHost : public RunHost {
   // Saves a PNG of the image without the HUD in the current folder.
   [[nodiscard]] std::string save_screenshot() override;
   [[nodiscard]] std::string toggle_smoothing() override;
+  [[nodiscard]] std::string toggle_walls() override;
   void describe(HudState& state, bool debug) const override;
 
  private:

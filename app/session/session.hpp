@@ -130,6 +130,9 @@ class Session {
   // Sets the translucency from the next image on. It depends on the display, so it is not an edit.
   void set_translucency(Translucency mode) { options_.plan.translucency = mode; }
   [[nodiscard]] Translucency translucency() const { return options_.plan.translucency; }
+  // Shows or hides virtual walls from the next image on; like the translucency, not an edit.
+  void show_walls(bool shown) { options_.plan.walls = shown; }
+  [[nodiscard]] bool shows_walls() const { return options_.plan.walls; }
   void set_smooth(bool smooth) { options_.smooth = smooth; }
   [[nodiscard]] bool smooth() const { return options_.smooth; }
   [[nodiscard]] SessionView view() const;

@@ -45,6 +45,7 @@ enum class WindowCommand {
   cursor,  // the scene's 3D cursor starts or stops following the pointer
   next_technique,
   next_translucency,
+  walls,      // virtual walls drawn or not
   next_node,  // selects the nodes that the technique keys change: all or one
 };
 
@@ -103,6 +104,7 @@ struct HudState {
   std::optional<double> stalled_s;                     // time since the last complete frame
   std::optional<bool> smooth;                          // smoothing is on; nullopt: not available
   std::optional<SmoothedPose> smoothed;                // effect of smoothing on the last frame
+  bool walls = true;                                   // virtual walls are shown
   int frames_dropped = 0;                              // frames that came too late to be shown
   std::vector<std::pair<std::string, std::int64_t>> faults;  // camera faults and their counts
   std::optional<std::string> trouble;                        // current fault of the camera

@@ -367,7 +367,7 @@ struct Overlay::Impl {
     ImGui::PopStyleVar(3);
   }
 
-  void node_panel(const HudNode& node, HudActions& actions) {
+  void node_panel(const HudNode& node, bool walls, HudActions& actions) {
     ImGui::PushID(node.name.c_str());
     text(kWhite, node.name);
     ShadowStyle style = node.style;
@@ -379,6 +379,11 @@ struct Overlay::Impl {
     }
     if (traits_of(style.technique).uses_lights) {
       changed |= ImGui::Checkbox("light rays", &style.light_rays);
+    }
+    if (style.technique == ShadowTechnique::walls) {
+      bool shown = walls;
+      if (ImGui::Checkbox("walls shown (L)", &shown))
+        actions.commands.push_back(WindowCommand::walls);
     }
     changed |= workspace_panel(style);
     changed |= strength_panel(node, style);
@@ -484,7 +489,7 @@ struct Overlay::Impl {
                kTranslucencyNames, translucency)) {
       actions.translucency = translucency;
     }
-    for (const HudNode& node : state.nodes) node_panel(node, actions);
+    for (const HudNode& node : state.nodes) node_panel(node, state.walls, actions);
     if (state.nodes.empty()) text("the scene has no shadows");
     ImGui::PopTextWrapPos();
     ImGui::PopItemWidth();

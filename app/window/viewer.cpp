@@ -254,6 +254,10 @@ void Viewer::act(WindowCommand command) {
       show_message(host_.toggle_smoothing());
       edited_ = true;  // draws a paused frame again
       break;
+    case WindowCommand::walls:
+      show_message(host_.toggle_walls());
+      edited_ = true;
+      break;
     case WindowCommand::slide:
     case WindowCommand::lift:
     case WindowCommand::reach:

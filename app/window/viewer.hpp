@@ -44,6 +44,7 @@ class ViewerHost {
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
+  [[nodiscard]] virtual std::string toggle_walls() { return {}; }
   [[nodiscard]] virtual std::string add_object(const std::filesystem::path& /*file*/) {
     return "objects can't be added to a comparison";
   }

@@ -163,10 +163,7 @@ int HardPass::draw(const DrawContext& context, const FramePlan& plan) {
   for (const PlaneReceiver& receiver : plan.receivers) {
     calls += draw_plane(context, plan, receiver);
   }
-  glStencilMask(0xFF);
-  glDisable(GL_STENCIL_TEST);
-  end_translucent();
-  glDepthMask(GL_TRUE);
+  end_planes();
   return calls;
 }
 

@@ -33,6 +33,13 @@ void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, cons
   program.set("opacity", opacity);
 }
 
+void end_planes() {
+  glStencilMask(0xFF);
+  glDisable(GL_STENCIL_TEST);
+  end_translucent();
+  glDepthMask(GL_TRUE);
+}
+
 Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   Receivers receivers;
   PENUMBRA_TRY(receivers.outline_program_,

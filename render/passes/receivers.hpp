@@ -23,6 +23,9 @@ inline constexpr unsigned kShadowBits = 0x7FU;   // for the shadow techniques
 void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& plane,
                        float opacity);
 
+// Restores the state before begin_plane() and begin_translucent(); see Pass::draw().
+void end_planes();
+
 class Receivers {
  public:
   [[nodiscard]] static Result<Receivers> create(GlApi api, const Scene& scene,
