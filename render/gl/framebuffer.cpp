@@ -38,6 +38,16 @@ void store_rgba(bool half_floats, int width, int height) {
                half_floats ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE, nullptr);
 }
 
+// Copies the colours of a framebuffer into another, which stays bound for drawing.
+void blit(GLuint from, ImageSize size, GLuint to, ImageSize to_size, GLenum filter) {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, from);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to);
+  glDisable(GL_SCISSOR_TEST);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glBlitFramebuffer(0, 0, size.width, size.height, 0, 0, to_size.width, to_size.height,
+                    GL_COLOR_BUFFER_BIT, filter);
+}
+
 // Copies into the window's framebuffer, letterboxed.
 void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
   if (window.width <= 0 || window.height <= 0) return;
@@ -182,20 +192,38 @@ void Framebuffer::copy_sums(int unit) {
   copy(sums_framebuffer_.id(), sums_copy_, sums_are_half_floats_, unit);
 }
 
+void Framebuffer::copy_image_reduced(int unit) {
+  const ImageSize half{std::max(1, width_ / 2), std::max(1, height_ / 2)};
+  const unsigned from = resolved();
+  glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
+  Copy& to = reduced_copy_;
+  if (!to.framebuffer) {
+    to = make_copy(half, false);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+  }
+  blit(from, {width_, height_}, to.framebuffer.id(), half, GL_LINEAR);
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glBindTexture(GL_TEXTURE_2D, to.texture.id());
+  glGenerateMipmap(GL_TEXTURE_2D);
+}
+
+Framebuffer::Copy Framebuffer::make_copy(ImageSize size, bool half_floats) {
+  Copy copy;
+  copy.texture = nearest_texture();
+  store_rgba(half_floats, size.width, size.height);
+  copy.framebuffer = FramebufferHandle::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, copy.framebuffer.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, copy.texture.id(), 0);
+  return copy;
+}
+
 void Framebuffer::copy(unsigned from, Copy& to, bool half_floats, int unit) const {
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
-  if (!to.framebuffer) {
-    to.texture = nearest_texture();
-    store_rgba(half_floats, width_, height_);
-    to.framebuffer = FramebufferHandle::create();
-    glBindFramebuffer(GL_FRAMEBUFFER, to.framebuffer.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, to.texture.id(), 0);
-  }
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, from);
-  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to.framebuffer.id());
-  glDisable(GL_SCISSOR_TEST);
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  if (!to.framebuffer) to = make_copy({width_, height_}, half_floats);
+  blit(from, {width_, height_}, to.framebuffer.id(), {width_, height_}, GL_NEAREST);
   glBindFramebuffer(GL_FRAMEBUFFER, from);
   glBindTexture(GL_TEXTURE_2D, to.texture.id());
 }

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "core/error.hpp"
+#include "core/image/image_view.hpp"
 #include "core/image/pixel_rect.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/handle.hpp"
@@ -57,6 +58,8 @@ class Framebuffer {
   // bound for drawing.
   void copy_image(int unit);
   void copy_sums(int unit);
+  // Like copy_image(), at half the size, smoothed, with mipmaps.
+  void copy_image_reduced(int unit);
   // Reads rows top to bottom, width * height * 4 bytes; multisampled pixels are averaged.
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Reads a part of the image, and its depth and stencil, rows top to bottom. Depth is in the upper
@@ -79,6 +82,8 @@ class Framebuffer {
     TextureHandle texture;
   };
   void make_sums();
+  // Leaves the texture bound to the active unit.
+  static Copy make_copy(ImageSize size, bool half_floats);
   // Returns a single-sample framebuffer with the image: framebuffer_, or a copy.
   [[nodiscard]] unsigned resolved() const;
   void read(void* rgba) const;
@@ -92,7 +97,7 @@ class Framebuffer {
   TextureHandle sums_;                  // used without multisampling
   RenderbufferHandle sums_samples_;     // used with multisampling
   bool sums_are_half_floats_ = true;
-  Copy image_copy_, sums_copy_;
+  Copy image_copy_, sums_copy_, reduced_copy_;
   mutable Copy resolved_;
   int width_ = 0;
   int height_ = 0;

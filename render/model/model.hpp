@@ -57,9 +57,15 @@ struct Material {
   MaterialTexture occlusion_texture;           // red: visible fraction of the ambient light
   MaterialTexture emissive_texture;            // colour
 
+  // Returns true if the material may reflect the video, as smooth metal does; the weight of the
+  // reflection is in object.frag.glsl.
+  [[nodiscard]] bool reflects() const {
+    const float min_roughness = metallic_roughness_texture.image >= 0 ? 0.0F : roughness;
+    return metallic * (1.0F - min_roughness) > 0.25F && !unlit;
+  }
   // Returns true if drawing needs more than the base colour and its texture by Mesh::texcoords.
   [[nodiscard]] bool needs_map_program() const {
-    return metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
+    return reflects() || metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
            occlusion_texture.image >= 0 || emissive_texture.image >= 0 ||
            base_color_texture.texcoords != 0 || alpha_mode != AlphaMode::opaque;
   }

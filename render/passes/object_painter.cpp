@@ -33,6 +33,7 @@ constexpr int kMetalUnit = 8;
 constexpr int kNormalUnit = 9;
 constexpr int kOcclusionUnit = 10;
 constexpr int kEmissiveUnit = 11;
+constexpr int kEnvironmentUnit = 12;
 
 const Material& material_of(const Model& model, int index) {
   static const Material plain;
@@ -89,6 +90,13 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
   };
   ObjectPainter painter;
   PENUMBRA_TRY(painter.lit_program_, make({kLightDefine}));
+  if (any_material(&Material::reflects)) {
+    ShaderFiles with_lens = {"lens.glsl"};
+    with_lens.insert(with_lens.end(), lit.begin(), lit.end());
+    PENUMBRA_TRY(painter.lit_program_.mirror,
+                 TranslucentProgram::create(api, vertex, with_lens,
+                                            {kLightDefine, kMapsDefine, "REFLECTS"}));
+  }
   if (any_material([](const Material& material) { return material.unlit; })) {
     PENUMBRA_TRY(
         painter.lit_program_.unlit,
@@ -252,22 +260,26 @@ Result<void> ObjectPainter::choose(Translucency mode, std::optional<PixelFormat>
   for (SurfaceProgram* program : {&lit_program_, &darkening_program_}) {
     PENUMBRA_TRY_VOID(program->plain.choose(mode, video));
     if (program->maps) PENUMBRA_TRY_VOID(program->maps->choose(mode, video));
+    if (program->mirror) PENUMBRA_TRY_VOID(program->mirror->choose(mode, video));
     if (program->unlit) PENUMBRA_TRY_VOID(program->unlit->choose(mode, video));
   }
   return masked_program_.choose(mode, video);
 }
 
 ObjectPainter::Programs ObjectPainter::SurfaceProgram::opaque() const {
-  return {plain.plain(), maps ? &maps->plain() : nullptr, unlit ? &unlit->plain() : nullptr};
+  return {plain.plain(), maps ? &maps->plain() : nullptr, mirror ? &mirror->plain() : nullptr,
+          unlit ? &unlit->plain() : nullptr};
 }
 
 ObjectPainter::Programs ObjectPainter::SurfaceProgram::chosen() const {
-  return {plain.get(), maps ? &maps->get() : nullptr, unlit ? &unlit->get() : nullptr};
+  return {plain.get(), maps ? &maps->get() : nullptr, mirror ? &mirror->get() : nullptr,
+          unlit ? &unlit->get() : nullptr};
 }
 
 template <class Action>
 void ObjectPainter::for_each(const Programs& programs, const Action& action) {
-  for (const ShaderProgram* program : {programs.unlit, programs.maps, &programs.plain}) {
+  for (const ShaderProgram* program :
+       {programs.unlit, programs.mirror, programs.maps, &programs.plain}) {
     if (program == nullptr) continue;
     program->use();
     action(*program);
@@ -280,7 +292,18 @@ void ObjectPainter::begin_lit(const Programs& programs, const FramePlan& plan,
     set_lens(program, lens);
     set_lights(program, plan);
     program.set("tone", tone_);
+    if (&program != programs.mirror) return;
+    program.set("environment", kEnvironmentUnit);
+    program.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
   });
+}
+
+bool ObjectPainter::any_reflects(const FramePlan& plan) const {
+  return lit_program_.mirror && std::ranges::any_of(plan.objects, [this](const ObjectDraw& draw) {
+           const GpuModel* gpu = models_[static_cast<std::size_t>(draw.object)].get();
+           return gpu != nullptr &&
+                  std::ranges::any_of(gpu->source->materials, &Material::reflects);
+         });
 }
 
 void ObjectPainter::set_material(const ShaderProgram& program, const GpuModel& gpu, int index,
@@ -324,6 +347,7 @@ const ShaderProgram* ObjectPainter::program_for(const Programs& programs, const 
                                                 bool phantom) {
   // A phantom stands for a real object, which is lit.
   if (material.unlit && !phantom) return programs.unlit;
+  if (material.reflects() && programs.mirror != nullptr) return programs.mirror;
   return programs.maps != nullptr && material.needs_map_program() ? programs.maps : &programs.plain;
 }
 
@@ -365,7 +389,8 @@ int ObjectPainter::draw_all(const Programs& programs, std::span<const ObjectDraw
                             const CameraPose& pose) const {
   glFrontFace(GL_CW);  // selects counter-clockwise faces, as row 0 of the framebuffer is the top
   int calls = 0;
-  for (const ShaderProgram* program : {&programs.plain, programs.maps, programs.unlit}) {
+  for (const ShaderProgram* program :
+       {&programs.plain, programs.maps, programs.mirror, programs.unlit}) {
     if (program != nullptr) calls += draw_surfaces(*program, programs, draws, pose);
   }
   return calls;
@@ -389,6 +414,7 @@ int ObjectPainter::draw_phantoms(const FramePlan& plan, const LensUniforms& lens
 int ObjectPainter::draw_objects(const FramePlan& plan, const LensUniforms& lens,
                                 Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
+  if (any_reflects(plan)) framebuffer.copy_image_reduced(kEnvironmentUnit);
   const Programs plain = lit_program_.opaque();
   begin_lit(plain, plan, lens);
   glEnable(GL_DEPTH_TEST);

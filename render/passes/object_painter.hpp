@@ -1,5 +1,6 @@
 // Draws virtual objects with light and depth, and phantoms with depth alone. Materials with further
-// maps besides the base colour use a separate, slower program, and unlit materials another one.
+// maps besides the base colour use a separate, slower program, and unlit and reflecting materials
+// one each.
 #pragma once
 
 #include <array>
@@ -107,13 +108,15 @@ class ObjectPainter {
   };
   struct Programs {
     const ShaderProgram& plain;
-    const ShaderProgram* maps = nullptr;   // for materials with maps; nullptr: uses `plain`
-    const ShaderProgram* unlit = nullptr;  // nullptr: unlit surfaces are not drawn
+    const ShaderProgram* maps = nullptr;    // for materials with maps; nullptr: uses `plain`
+    const ShaderProgram* mirror = nullptr;  // for materials that reflect; nullptr: uses `maps`
+    const ShaderProgram* unlit = nullptr;   // nullptr: unlit surfaces are not drawn
   };
   struct SurfaceProgram {
     TranslucentProgram plain;
-    std::optional<TranslucentProgram> maps;   // if the scene has such materials
-    std::optional<TranslucentProgram> unlit;  // likewise; not for shadows
+    std::optional<TranslucentProgram> maps;    // if the scene has such materials
+    std::optional<TranslucentProgram> mirror;  // likewise; not for shadows
+    std::optional<TranslucentProgram> unlit;   // likewise; not for shadows
     [[nodiscard]] Programs opaque() const;
     [[nodiscard]] Programs chosen() const;
   };
@@ -138,6 +141,8 @@ class ObjectPainter {
   // Calls `action` for each program, in use.
   template <class Action>
   static void for_each(const Programs& programs, const Action& action);
+  // Returns true if an object of the plan has a surface that reflects the video.
+  [[nodiscard]] bool any_reflects(const FramePlan& plan) const;
   void begin_lit(const Programs& programs, const FramePlan& plan, const LensUniforms& lens) const;
 
   SurfaceProgram lit_program_;

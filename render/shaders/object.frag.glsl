@@ -1,6 +1,6 @@
 // Metallic-roughness surface under a few lights and hemisphere ambient light. Computes linear light
 // and encodes it with the camera response. DARKENS: darkens the surface by a shadow instead.
-// UNLIT: draws the base colour as it is.
+// UNLIT: draws the base colour as it is. REFLECTS: reflects the video (docs/rendering.md#reflections).
 in vec3 table_point;
 in vec3 table_normal;  // not of unit length
 in vec2 uv;  // texture coordinates
@@ -64,6 +64,48 @@ vec3 mapped_normal(vec3 n) {
 }
 #endif
 
+#if defined(REFLECTS)
+uniform sampler2D environment;  // the video before anything is drawn over it, with mipmaps
+uniform mat4x3 camera_from_table;
+
+const float kMinHeight = 1.0e-4;  // of a reflecting point [m]
+const float kMinDepth = 1.0e-3;   // of a reflected point / its distance
+
+// Inverts the encoding of main().
+vec3 linear_light(vec3 encoded) {
+  vec3 high = pow((encoded + tone.z) / tone.y, vec3(1.0 / tone.x));
+  vec3 low = encoded / 12.92;
+  return mix(high, low, vec3(lessThan(high, vec3(tone.w))));
+}
+
+// Returns the light that arrives at the point from a direction (unit, table frame): that of the
+// table (z = 0) in the video. Above the horizon it turns into the room's light.
+vec3 environment_light(vec3 point, vec3 direction, float rough) {
+  // A ray that does not meet the table nearby ends at infinity.
+  bool far = direction.z > -1.0e-3;
+  float distance_m = far ? 1.0 : max(point.z, kMinHeight) / -direction.z;
+  vec3 seen = far ? mat3(camera_from_table) * direction
+                  : camera_from_table * vec4(point + distance_m * direction, 1.0);
+  float depth = seen.z / distance_m;
+  bool behind = depth < kMinDepth;
+  vec4 clip = lens_clip(behind ? vec3(0.0, 0.0, 1.0) : seen, 1.0);
+  vec2 wanted = 0.5 + 0.5 * clip.xy / clip.w;
+  vec2 at = clamp(wanted, 0.0, 1.0);
+  // In texels: the width of the lobe, the distance to the image, and the width of a pixel.
+  vec2 size = vec2(textureSize(environment, 0));
+  float lobe = rough * rough * lens_scale_offset.x * size.x / depth;
+  float outside = 2.0 * length((wanted - at) * size);
+  vec2 step_x = dFdx(wanted) * size;
+  vec2 step_y = dFdy(wanted) * size;
+  float pixel = sqrt(max(dot(step_x, step_x), dot(step_y, step_y)));
+  float level = log2(max(1.0, lobe + outside + pixel));
+  float mean_level = log2(max(size.x, size.y));  // one texel
+  level = behind ? mean_level : min(level, mean_level);
+  vec3 light = linear_light(textureLod(environment, at, level).rgb);
+  return mix(light, sky_light, smoothstep(0.0, 0.5, direction.z));
+}
+#endif
+
 void main() {
   vec3 view = normalize(eye - table_point);
   vec3 n = surface_normal(table_normal, view);
@@ -71,7 +113,11 @@ void main() {
   float alpha = base_alpha * tint.a;
   if (has_texture != 0)
     alpha *= texture(base_color_texture, map_uv(base_color_by_second)).a;
-  if (alpha < alpha_cutoff) discard;
+  // Derivatives, which reflections need, are undefined after a discard.
+  bool is_cut_out = alpha < alpha_cutoff;
+#if !defined(REFLECTS)
+  if (is_cut_out) discard;
+#endif
 #if !defined(UNLIT)
   n = mapped_normal(n);
 #endif
@@ -134,13 +180,20 @@ void main() {
   vec3 mirror = reflect(-view, n);
   vec3 ambient_fresnel = f0 + (max(vec3(1.0 - rough), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
   sum += occlusion * diffuse * hemisphere(n.z);
-  sum += occlusion * ambient_fresnel *
-         hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
+  vec3 arriving = hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
+#if defined(REFLECTS)
+  float reflected = clamp(4.0 * metal * (1.0 - rough) - 1.0, 0.0, 1.0);
+  arriving = mix(arriving, environment_light(table_point, mirror, rough), reflected);
+#endif
+  sum += occlusion * ambient_fresnel * arriving;
 
   // Compresses values above 0.75 smoothly instead of clipping at 1.
   const float knee = 0.75;
   vec3 over = max(sum - knee, 0.0);
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
+#endif
+#if defined(REFLECTS)
+  if (is_cut_out) discard;
 #endif
   vec3 low = sum * 12.92;
   vec3 high = tone.y * pow(max(sum, tone.w), vec3(tone.x)) - tone.z;
