@@ -10,6 +10,7 @@
 #include "core/stopwatch.hpp"
 #include "render/gl/gpu_timer.hpp"
 #include "render/gl/pixel_buffer.hpp"
+#include "render/passes/contact_pass.hpp"
 #include "render/passes/edge_smoother.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/ray_pass.hpp"
@@ -105,6 +106,7 @@ struct Compositor::Impl {
     shadows = on_planes.get();
     PENUMBRA_TRY(auto hard, HardPass::create(api, camera));
     PENUMBRA_TRY(auto volumes, VolumePass::create(api, camera));
+    PENUMBRA_TRY(auto contacts, ContactPass::create(api, camera));
     PENUMBRA_TRY(auto walls, WallPass::create(api, camera));
     PENUMBRA_TRY(auto rays, RayPass::create(api, camera));
     overlays.push_back(std::move(on_planes));
@@ -113,6 +115,7 @@ struct Compositor::Impl {
     overlays.push_back(std::move(hard));
     overlays.push_back(std::move(volumes));
     // In mode retexture, shadows on planes are drawn from the video and would replace what follows.
+    overlays.push_back(std::move(contacts));
     overlays.push_back(std::move(walls));
     overlays.push_back(std::make_unique<BlendedPass>());
     overlays.push_back(std::move(rays));

@@ -9,6 +9,8 @@
 #include "core/assert.hpp"
 #include "render/bounds.hpp"
 #include "render/camera_gl.hpp"
+#include "render/model/to_eigen.hpp"
+#include "render/shadow/fields/contact_shade.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
 #include "render/shadow/projected/light_rays.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
@@ -124,6 +126,7 @@ class Planner {
           continue;
         }
         add_receiver(receiver, technique == ShadowTechnique::walls);
+        if (node.contact) plan_contacts(node, receiver);
         switch (technique) {
           case ShadowTechnique::simple:
           case ShadowTechnique::layered:
@@ -316,6 +319,35 @@ class Planner {
       plan_.received_shadows.push_back(draw);
     }
     return has_receivers && !reaches_any;
+  }
+
+  // Plans the contact shades of the virtual objects that are near the plane.
+  void plan_contacts(const ShadowNode& node, const PlaneReceiver& receiver) {
+    const std::vector<Eigen::Vector2d>& outline =
+        scene_.planes[static_cast<std::size_t>(receiver.plane)].outline;
+    for (const int caster : node.casters) {
+      if (!casts(caster, false) || object_at(caster).phantom) continue;
+      const Model& model = model_of(caster);
+      ContactDraw draw{caster, receiver.plane, receiver.frame, placement_of_model(caster),
+                       pose_of(state_, caster)};
+      const double diagonal = (to_eigen(model.max_corner) - to_eigen(model.min_corner)).norm();
+      draw.reach = contact_reach(diagonal * draw.T_table_object.scale);
+      draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
+      const BoxCorners corners = box_corners(model, draw.T_table_object);
+      const HeightRange heights = heights_above(receiver.frame, corners);
+      if (heights.low >= draw.reach || heights.high < 0.0) continue;
+      const bool known = std::ranges::any_of(plan_.contacts, [&](const ContactDraw& other) {
+        return other.object == draw.object && other.plane == draw.plane;
+      });
+      if (known) continue;
+      Disc disc = footprint(corners, receiver.frame);
+      disc.radius += draw.reach;
+      const bool is_seen =
+          !out_of_view(receiver.frame.square_about(disc.centre, disc.radius)) &&
+          !misses_outline({disc.centre.array() - disc.radius, disc.centre.array() + disc.radius},
+                          outline);
+      if (is_seen || !options_.skip) plan_.contacts.push_back(draw);
+    }
   }
 
   // `walls`: of the technique `walls`. A wall without an outline, with a tag group, or on which

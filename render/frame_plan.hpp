@@ -89,6 +89,16 @@ struct ShadowDraw : ShadowShape {
   double radius = 0.0;
 };
 
+// The contact shade of an object on a plane.
+struct ContactDraw {
+  int object = 0, plane = 0;  // indices into the scene
+  PlaneFrame plane_frame;
+  Placement T_table_object;
+  double pose_s = 0.0;   // see PosedModel
+  double reach = 0.0;    // contact_reach() [m]
+  float opacity = 1.0F;  // minimum of the object's and the plane's
+};
+
 // A ShadowDraw as received by a phantom or by another virtual object above the plane. It is cast
 // along the normal; a point of the receiver gets the shadow of a plane at its height
 // (docs/rendering.md#shadows-on-receivers). Objects receive no shadow of themselves or their
@@ -151,6 +161,7 @@ struct FramePlan {
   std::vector<ShadowDraw> shadows;
   // Skipped shadows. They count for masks, so that culling does not change how others are drawn.
   std::vector<ShadowDraw> skipped_shadows;
+  std::vector<ContactDraw> contacts;  // each object and plane once
   std::vector<ReceivedShadowDraw> received_shadows;
   // Number of pairs of a caster and a receiver that its shadow may reach, in view or not. It limits
   // the resolution of their masks, which must not depend on the view.

@@ -156,6 +156,7 @@ struct ShadowNode : ShadowStyle {
   bool default_walls = false;  // `walls` are left to add_default_walls()
   std::vector<int> lights;     // indices into Scene::lights; empty: the first light
   LightMode light_mode = LightMode::proportional;  // layered shadows; cocl: never `fixed`
+  bool contact = false;  // draws contact shades (contact_shade.hpp), with every technique but none
 };
 
 // Advice about the limits of a node's layered shadows; irrelevant to other techniques.

@@ -700,6 +700,7 @@ Result<void> SceneReader::read_shadow(const Entry& from) {
     PENUMBRA_TRY(node.lights, indices_of(*names, scene_.lights, "light"));
   }
   node.light_rays = from.value.value("light_rays", false);
+  node.contact = from.value.value("contact", false);
   if (const auto layered = from.find("layered")) {
     PENUMBRA_TRY(node.layered, read_layered(*layered));
     if (std::isfinite(node.layered.light_height) && node.layered.light_ratio <= 1.0) {

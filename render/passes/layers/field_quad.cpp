@@ -40,7 +40,7 @@ void FieldTexture::upload(const ShadowField& field) {
     }
     layers_[layer] = greatest > 0.0F;
   }
-  if (!texture_) texture_.emplace(TextureFilter::nearest);
+  if (!texture_) texture_.emplace(filter_);
   texture_->upload(TexelFormat::rgba16f, field.width, field.height,
                    reinterpret_cast<const std::uint8_t*>(texels_.data()),
                    static_cast<std::ptrdiff_t>(8) * field.width);
@@ -50,11 +50,11 @@ void FieldTexture::upload(const ShadowField& field) {
            static_cast<float>(field.origin.y() + 0.5 * field.cell), cell * last_.x, cell * last_.y};
 }
 
-Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
+Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m, ShaderFiles fragment) {
   FieldQuad quad;
   PENUMBRA_TRY(quad.program_,
                TranslucentProgram::create(api, {"lens.glsl", "field.vert.glsl"},
-                                          {"field.frag.glsl"}, {}, Background::video));
+                                          std::move(fragment), {}, Background::video));
   quad.longest_edge_m_ = longest_edge_m;
   return quad;
 }
@@ -72,14 +72,20 @@ void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
                      const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
                      const glm::vec3& layer_light) const {
   program.use();
+  program.set("layer_wanted", glm::vec3(wanted[0], wanted[1], wanted[2]));
+  program.set("layer_light", layer_light);
+  draw(program, field, T_plane_own);
+}
+
+void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
+                     const PlanarMotion& T_plane_own) const {
+  program.use();
   program.set("field_rect", field.rect_);
   program.set("field_last", field.last_);
   program.set("plane_from_own", glm::vec4(static_cast<float>(T_plane_own.cosine),
                                           static_cast<float>(T_plane_own.sine),
                                           static_cast<float>(T_plane_own.displacement.x()),
                                           static_cast<float>(T_plane_own.displacement.y())));
-  program.set("layer_wanted", glm::vec3(wanted[0], wanted[1], wanted[2]));
-  program.set("layer_light", layer_light);
   field.texture_->bind(0);
   grids_.draw(UnitGrids::grid_for(static_cast<double>(std::max(field.rect_.z, field.rect_.w)),
                                   longest_edge_m_, undistorted_));

@@ -18,12 +18,14 @@ namespace penumbra {
 // One field on the GPU, in half floats, which move a zero contour by up to 1/2000 of a cell.
 class FieldTexture {
  public:
+  explicit FieldTexture(TextureFilter filter = TextureFilter::nearest) : filter_(filter) {}
   void upload(const ShadowField& field);
   // Returns, for each layer, whether it is non-empty.
   [[nodiscard]] const std::array<bool, 3>& layers() const { return layers_; }
 
  private:
   friend class FieldQuad;
+  TextureFilter filter_;
   std::optional<Texture2d> texture_;
   std::array<bool, 3> layers_{};
   // xy: centre of the first texel, zw: extents to the last texel's centre [m]; own frame.
@@ -34,7 +36,9 @@ class FieldTexture {
 
 class FieldQuad {
  public:
-  [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m);
+  // `fragment`: of the program; field.frag.glsl draws the layers.
+  [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m,
+                                                ShaderFiles fragment = {"field.frag.glsl"});
 
   [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video) {
     return program_.choose(mode, video);
@@ -48,6 +52,9 @@ class FieldQuad {
   void draw(const ShaderProgram& program, const FieldTexture& field,
             const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
             const glm::vec3& layer_light) const;
+  // Draws the rectangle of a field, with the program of begin().
+  void draw(const ShaderProgram& program, const FieldTexture& field,
+            const PlanarMotion& T_plane_own) const;
 
  private:
   TranslucentProgram program_;

@@ -409,6 +409,9 @@ TEST_F(SceneFile, ValidatesLightModes) {
     return "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered")" + keys +
            "}]}";
   };
+  EXPECT_FALSE(load(node(""))->shadows[0].contact);
+  EXPECT_TRUE(load(node(R"(,"contact":true)"))->shadows[0].contact);
+  EXPECT_THAT(error_of(node(R"(,"contact":1)")), HasSubstr("/shadows/0/contact: "));
   EXPECT_FALSE(load(node(""))->shadows[0].light_rays);
   EXPECT_TRUE(load(node(R"(,"light_rays":true)"))->shadows[0].light_rays);
   EXPECT_THAT(error_of(node(R"(,"light_rays":"yes")")), HasSubstr("/shadows/0/light_rays: "));
