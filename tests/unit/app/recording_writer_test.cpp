@@ -307,36 +307,45 @@ TEST(RecordingWriter, RejectsNonEmptyFolder) {
   EXPECT_NE(writer.error().message.find("not empty"), std::string::npos);
 }
 
+// Limits the size of files that this process writes, while it exists.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limited{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limited);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int);
+};
+
 // A failed start leaves no folder, so that the name can be used again once there is space.
 TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   const RecordingHead head = head_for("MJPEG", 640, 480);
-  const auto folder_in = [](const test::TemporaryFolder& temporary) {
-    return temporary.path() / "of" / "today" / "session";
-  };
-  std::array<test::TemporaryFolder, 2> folders;
   for (const bool waits : {true, false}) {
-    const test::TemporaryFolder& temporary = folders[waits ? 0 : 1];
-    const fs::path folder = folder_in(temporary);
-    const pid_t child = fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      // Limits every file to the size of tags.yaml.
-      std::signal(SIGXFSZ, SIG_IGN);
-      const rlimit small{64, 64};
-      setrlimit(RLIMIT_FSIZE, &small);
-      if (waits) _exit(RecordingWriter::create(folder, head) ? 1 : 0);
-      const auto writer = RecordingWriter::begin(folder, head);
-      writer->add_image(jpeg_image(0));
-      _exit(writer->finish() || !writer->counts().error ? 1 : 0);
+    SCOPED_TRACE(waits);
+    const test::TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "of" / "today" / "session";
+    {
+      const FileSizeLimit limit(64);  // smaller than tags.yaml
+      if (waits) {
+        EXPECT_FALSE(RecordingWriter::create(folder, head));
+      } else {
+        const auto writer = RecordingWriter::begin(folder, head);
+        writer->add_image(jpeg_image(0));
+        EXPECT_FALSE(writer->finish());
+        EXPECT_TRUE(writer->counts().error);
+      }
     }
-    int status = 0;
-    ASSERT_EQ(waitpid(child, &status, 0), child);
-    EXPECT_EQ(status, 0) << waits;
-    EXPECT_TRUE(fs::is_empty(temporary.path())) << waits;
-  }
-  // Begins its threads after the forks, as the thread sanitizer requires.
-  for (const test::TemporaryFolder& temporary : folders) {
-    const fs::path folder = folder_in(temporary);
+    EXPECT_TRUE(fs::is_empty(temporary.path()));
     auto again = RecordingWriter::begin(folder, head);
     again->add_image(jpeg_image(0));
     ASSERT_TRUE(again->finish());
