@@ -193,18 +193,18 @@ void Framebuffer::copy_sums(int unit) {
 }
 
 void Framebuffer::copy_image_reduced(int unit) {
-  const ImageSize half{std::max(1, width_ / 2), std::max(1, height_ / 2)};
+  const ImageSize quarter{std::max(1, width_ / 4), std::max(1, height_ / 4)};
   const unsigned from = resolved();
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
   Copy& to = reduced_copy_;
   if (!to.framebuffer) {
-    to = make_copy(half, false);
+    to = make_copy(quarter, false);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
   }
-  blit(from, {width_, height_}, to.framebuffer.id(), half, GL_LINEAR);
+  blit(from, {width_, height_}, to.framebuffer.id(), quarter, GL_LINEAR);
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glBindTexture(GL_TEXTURE_2D, to.texture.id());
   glGenerateMipmap(GL_TEXTURE_2D);

@@ -58,7 +58,7 @@ class Framebuffer {
   // bound for drawing.
   void copy_image(int unit);
   void copy_sums(int unit);
-  // Like copy_image(), at half the size, smoothed, with mipmaps.
+  // Like copy_image(), at a quarter of the size, smoothed, with mipmaps.
   void copy_image_reduced(int unit);
   // Reads rows top to bottom, width * height * 4 bytes; multisampled pixels are averaged.
   void read_rgba(std::span<std::uint8_t> rgba) const;
