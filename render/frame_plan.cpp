@@ -126,7 +126,8 @@ class Planner {
           continue;
         }
         add_receiver(receiver, technique == ShadowTechnique::walls);
-        if (node.contact) plan_contacts(node, receiver);
+        const bool is_wall = std::ranges::find(node.planes, plane_index) == node.planes.end();
+        if (node.contact && !is_wall) plan_contacts(node, receiver);
         switch (technique) {
           case ShadowTechnique::simple:
           case ShadowTechnique::layered:

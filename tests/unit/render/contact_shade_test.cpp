@@ -211,6 +211,20 @@ TEST(ContactShades, AreOfVirtualObjectsOnly) {
   EXPECT_EQ(drawn(builder), drawn(without));
 }
 
+TEST(ContactShades, AreNotOnWalls) {
+  SceneBuilder builder = scene_with_box(0.0, ShadowTechnique::walls, true);
+  ScenePlane& wall = builder.scene().planes.emplace_back();
+  wall.name = "wall";
+  wall.normal = {0, -1, 0};
+  wall.point = {0, 0.04, 0};  // the box touches it
+  builder.scene().shadows[0].walls = {1};
+  Studio studio(builder.build(), camera());
+  const FramePlan plan = studio.plan(above());
+  ASSERT_EQ(plan.receivers.size(), 2U);
+  ASSERT_EQ(plan.contacts.size(), 1U);
+  EXPECT_EQ(plan.contacts[0].plane, 0);
+}
+
 TEST(ContactShades, FollowSlidingObjectAsMadeAnew) {
   SceneBuilder moving = scene_with_box(0.0, ShadowTechnique::simple, true);
   Studio studio(moving.build(), camera());
