@@ -69,7 +69,6 @@ Result<void> ContactPass::prepare(const DrawContext& context, const FramePlan& p
 
 int ContactPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.contacts.empty()) return 0;
-  if (context.mode == Translucency::retexture) context.framebuffer.copy_image(kFramebufferCopyUnit);
   const ShaderProgram& program = quad_.program().get();
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {
@@ -77,9 +76,8 @@ int ContactPass::draw(const DrawContext& context, const FramePlan& plan) {
         plan.contacts.end())
       continue;
     context.receivers.begin_plane(plan, receiver.plane, receiver.frame, context.lens);
-    // Each pixel is shaded once, by the first object.
-    context.receivers.stencil_test(0, kShadowBits);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+    context.receivers.test_plane();
+    glStencilMask(0);
     begin_translucent(context.mode, Blending::darken);
     quad_.begin(program, context.lens, camera_from_plane(plan.T_table_camera, receiver.frame));
     program.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
@@ -87,6 +85,9 @@ int ContactPass::draw(const DrawContext& context, const FramePlan& plan) {
     for (const ContactDraw& draw : plan.contacts) {
       const Shade& shade = shades_.at({draw.object, draw.plane});
       if (draw.plane != receiver.plane || shade.greatest <= 0.0F) continue;
+      // The shades of several objects are multiplied, so that there is no seam between them.
+      if (context.mode == Translucency::retexture)
+        context.framebuffer.copy_image(kFramebufferCopyUnit);
       program.set("opacity", draw.opacity);
       program.set("greatest", shade.greatest);
       quad_.draw(program, shade.field, shade.own.T_plane_own);

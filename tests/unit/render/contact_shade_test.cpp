@@ -253,6 +253,28 @@ TEST(ContactShades, AreRetexturedAsBlended) {
   EXPECT_LE(std::max(-change.darkest, change.brightest), 1);
 }
 
+TEST(ContactShades, OfSeveralObjectsAreMultipliedInAnyOrder) {
+  const auto two_boxes = [](bool reversed, Translucency mode) {
+    SceneBuilder builder = scene_with_box(0.0, ShadowTechnique::none, true);
+    builder.scene().shadows[0].technique = ShadowTechnique::simple;
+    builder.scene().objects.clear();
+    builder.scene().shadows[0].casters.clear();
+    for (const double side : {-1.0, 1.0}) {
+      const double x = (reversed ? -side : side) * 0.033;
+      builder.add(box(0.06, 0.06, 0.04), at(x, 0.0, 0.02));
+    }
+    PlanOptions options;
+    options.translucency = mode;
+    return drawn(builder, options);
+  };
+  const RenderedImage blended = two_boxes(false, Translucency::blend);
+  for (const auto& [reversed, mode] :
+       {std::pair{true, Translucency::blend}, {false, Translucency::retexture}}) {
+    const Difference change = difference(two_boxes(reversed, mode), blended);
+    EXPECT_LE(std::max(-change.darkest, change.brightest), 2);
+  }
+}
+
 TEST(ContactShades, BlackenPixelsInModeMesh) {
   PlanOptions options;
   options.translucency = Translucency::mesh;
