@@ -92,6 +92,10 @@ class Host : public ViewerHost {
     ++smoothings;
     return "smoothed";
   }
+  [[nodiscard]] std::string toggle_walls() override {
+    calls.emplace_back("walls");
+    return "hidden";
+  }
   void begin_move(const std::string& object) override { calls.push_back("move " + object); }
   [[nodiscard]] std::string add_object(const std::filesystem::path& file) override {
     calls.push_back("add " + file.string());
@@ -283,6 +287,17 @@ TEST(Viewer, TogglesSmoothingDuringPause) {
   EXPECT_EQ(host.smoothings, 1);
   EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(host.smoothings, 2);
+  EXPECT_EQ(host.redrawn, 1);
+  EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
+}
+
+TEST(Viewer, TogglesWallsAndRedrawsPausedFrame) {
+  ScriptedWindow window(std::deque<int>{kSpace, 'L', 0, kSpace});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.calls, std::vector<std::string>{"walls"});
   EXPECT_EQ(host.redrawn, 1);
   EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
 }
