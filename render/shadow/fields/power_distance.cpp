@@ -14,6 +14,7 @@ namespace penumbra {
 
 namespace {
 
+constexpr int kSpanBlock = 8;  // cells covered at a time
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kUnclipped = std::numeric_limits<float>::max();  // level: clips nothing
 // A cell represents a square, so its disc is half a cell larger.
@@ -104,7 +105,8 @@ struct FieldSpan {
 // Calls use(span) for each inner line of a window that crosses the triangle. Returns false if none
 // does. Corners are more than a cell inside the window, so truncation rounds down.
 template <class Use>
-bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& window, const Use& use) {
+[[gnu::always_inline]] inline bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c,
+                                                 const Window& window, const Use& use) {
   sort_by_y(a, b, c);
   const auto bottom = static_cast<float>(window.bottom);
   const auto left = static_cast<float>(window.left);
@@ -130,6 +132,59 @@ bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& windo
   return true;
 }
 
+// rho along a row: at_zero + slope * column, clamped to [low, high].
+struct RowRho {
+  float at_zero, slope, low, high;
+};
+
+// Covers a span's cells, in blocks that may extend beyond it and leave the cells there unchanged.
+[[gnu::always_inline]] inline void cover_span(const RowRho& rho, int column, int count,
+                                              float* __restrict max_rho,
+                                              float* __restrict min_rho) {
+  for (int first = 0; first < count; first += kSpanBlock) {
+    for (int k = 0; k < kSpanBlock; ++k) {
+      const int cell = first + k;
+      float here = rho.at_zero + rho.slope * static_cast<float>(column + cell);
+      here = here > rho.low ? here : rho.low;
+      here = here < rho.high ? here : rho.high;
+      const float above = here > max_rho[cell] ? here : max_rho[cell];
+      const float below = here < min_rho[cell] ? here : min_rho[cell];
+      max_rho[cell] = cell < count ? above : max_rho[cell];
+      min_rho[cell] = cell < count ? below : min_rho[cell];
+    }
+  }
+}
+
+// Covers the cells of faces, three corners each, with their largest and smallest rho.
+PENUMBRA_VECTOR_CLONES
+void cover_faces(const FieldPoint* points, const std::uint32_t* corners, std::size_t count,
+                 const Window& window, float* __restrict max_rho, float* __restrict min_rho) {
+  const auto bottom = static_cast<float>(window.bottom);
+  for (std::size_t i = 0; i + 2 < count; i += 3) {
+    FieldPoint a = points[corners[i]];
+    FieldPoint b = points[corners[i + 1]];
+    FieldPoint c = points[corners[i + 2]];
+    sort_by_y(a, b, c);
+    const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    if (area == 0.0F) continue;
+    // rho is linear over a projected face.
+    const float slope_x = ((b.rho - a.rho) * (c.y - a.y) - (c.rho - a.rho) * (b.y - a.y)) / area;
+    const float slope_y = ((c.rho - a.rho) * (b.x - a.x) - (b.rho - a.rho) * (c.x - a.x)) / area;
+    RowRho rho;
+    rho.slope = slope_x;
+    rho.low = std::min(a.rho, std::min(b.rho, c.rho));
+    rho.high = std::max(a.rho, std::max(b.rho, c.rho));
+    const float to_first = static_cast<float>(window.left) + 0.5F - a.x;
+    for_each_span(a, b, c, window, [&](const FieldSpan& span) {
+      const float y = static_cast<float>(span.line) + 0.5F + bottom;
+      rho.at_zero = a.rho + slope_y * (y - a.y) + slope_x * to_first;
+      const std::ptrdiff_t cell =
+          static_cast<std::ptrdiff_t>(span.line) * window.width + span.first;
+      cover_span(rho, span.first, span.end - span.first, max_rho + cell, min_rho + cell);
+    });
+  }
+}
+
 // Rasterises one part. One object serves many parts and reuses its memory.
 class PartField {
  public:
@@ -139,14 +194,25 @@ class PartField {
     window_ = window;
     const std::size_t count =
         static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height);
-    max_rho_.assign(count, -1.0F);
-    min_rho_.assign(count, kInfinity);
-    gaps_.start(count);
+    max_rho_.assign(count + kSpanBlock, -1.0F);
+    min_rho_.assign(count + kSpanBlock, kInfinity);
     column_min_.resize(static_cast<std::size_t>(window.width));
     // Padded to a multiple of eight; the window's border is never flagged.
     flags_.assign((static_cast<std::size_t>(window.width) + 7) / 8 * 8, 0);
-    for (std::size_t i = 0; i + 2 < corners.size(); i += 3)
-      cover_triangle(points[corners[i]], points[corners[i + 1]], points[corners[i + 2]], gaps_);
+    cover_faces(points.data(), corners.data(), corners.size(), window, max_rho_.data(),
+                min_rho_.data());
+  }
+
+  // Measures the distances from the cell centres of the unclipped outline to the part. `points` and
+  // `corners` are those of cover().
+  void find_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
+    gaps_.start(min_rho_.size());
+    if (!mark_tiles([](std::uint32_t) { return true; })) return;
+    for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
+      const std::array<FieldPoint, 3> face = {points[corners[i]], points[corners[i + 1]],
+                                              points[corners[i + 2]]};
+      if (touches_marked_tile(face)) lower_gaps(face[0], face[1], face[2], gaps_);
+    }
   }
 
   // `disc_window`: bounds of all discs [cells].
@@ -216,7 +282,7 @@ class PartField {
   // part below the outline's level. `points` and `corners` are those of cover().
   void find_cut_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
     cut_gaps_.start(min_rho_.size());
-    if (!mark_tiles()) return;
+    if (!mark_tiles([this](std::uint32_t i) { return covered(i); })) return;
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
       std::array<FieldPoint, 3> face = {points[corners[i]], points[corners[i + 1]],
                                         points[corners[i + 2]]};
@@ -225,16 +291,16 @@ class PartField {
       std::ranges::sort(face, {}, &FieldPoint::rho);
       const auto& [low, middle, high] = face;
       if (high.rho <= level_) {
-        cover_triangle(low, middle, high, cut_gaps_);
+        lower_gaps(low, middle, high, cut_gaps_);
         continue;
       }
       // rho is linear over a projected face, so the clip line is straight.
       const FieldPoint on_long = at_level(low, high, level_);
       if (middle.rho < level_) {
-        cover_triangle(low, middle, on_long, cut_gaps_);
-        cover_triangle(middle, at_level(middle, high, level_), on_long, cut_gaps_);
+        lower_gaps(low, middle, on_long, cut_gaps_);
+        lower_gaps(middle, at_level(middle, high, level_), on_long, cut_gaps_);
       } else {
-        cover_triangle(low, at_level(low, middle, level_), on_long, cut_gaps_);
+        lower_gaps(low, at_level(low, middle, level_), on_long, cut_gaps_);
       }
     }
   }
@@ -304,58 +370,38 @@ class PartField {
            rise * std::min(kHalfCell, (high_near - min_rho_[near]) / (rise + fall));
   }
 
-  // Covers a span with rho = at_row + slope_x * column, clamped to [low, high].
-  void cover_span(const FieldSpan& span, float at_row, float slope_x, float low, float high) {
-    for (int column = span.first; column < span.end; ++column) {
-      const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
-      const std::size_t i = index_of(column, span.line);
-      max_rho_[i] = std::max(max_rho_[i], rho);
-      min_rho_[i] = std::min(min_rho_[i], rho);
-    }
-  }
-
-  void cover_triangle(FieldPoint a, FieldPoint b, FieldPoint c, Gaps& gaps) {
-    sort_by_y(a, b, c);
+  // Lowers the gaps of the cells beside a triangle, along rows and along columns.
+  void lower_gaps(const FieldPoint& a, const FieldPoint& b, const FieldPoint& c, Gaps& gaps) const {
     const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
     if (area == 0.0F) return;
-    // rho is linear over a projected face.
-    const float slope_x = ((b.rho - a.rho) * (c.y - a.y) - (c.rho - a.rho) * (b.y - a.y)) / area;
-    const float slope_y = ((c.rho - a.rho) * (b.x - a.x) - (b.rho - a.rho) * (c.x - a.x)) / area;
-    const float low = std::min(a.rho, std::min(b.rho, c.rho));
-    const float high = std::max(a.rho, std::max(b.rho, c.rho));
-    const auto bottom = static_cast<float>(window_.bottom);
-    const float to_first = static_cast<float>(window_.left) + 0.5F - a.x;
-    const auto lower_gaps = [](const FieldSpan& span, float& before, float& after) {
+    const auto lower = [](const FieldSpan& span, float& before, float& after) {
       before = std::min(before, span.from - (static_cast<float>(span.first) - 0.5F));
       after = std::min(after, static_cast<float>(span.end) + 0.5F - span.to);
     };
     const bool covers_rows = for_each_span(a, b, c, window_, [&](const FieldSpan& span) {
-      const float y = static_cast<float>(span.line) + 0.5F + bottom;
-      const float at_row = a.rho + slope_y * (y - a.y) + slope_x * to_first;
-      cover_span(span, at_row, slope_x, low, high);
-      lower_gaps(span, gaps.x[index_of(span.first - 1, span.line)],
-                 gaps.x[index_of(span.end, span.line)]);
+      lower(span, gaps.x[index_of(span.first - 1, span.line)],
+            gaps.x[index_of(span.end, span.line)]);
     });
     if (!covers_rows) return;
-    // Lowers the gaps along columns, for which only the ends of the spans matter.
     const auto transposed = [](const FieldPoint& p) { return FieldPoint{p.y, p.x, p.rho}; };
     for_each_span(transposed(a), transposed(b), transposed(c),
                   {window_.bottom, window_.left, window_.height, window_.width},
                   [&](const FieldSpan& span) {
-                    lower_gaps(span, gaps.y[index_of(span.line, span.first - 1)],
-                               gaps.y[index_of(span.line, span.end)]);
+                    lower(span, gaps.y[index_of(span.line, span.first - 1)],
+                          gaps.y[index_of(span.line, span.end)]);
                   });
   }
 
-  // Marks the tiles with outline cells that higher faces cover. Returns false if there are none.
-  bool mark_tiles() {
+  // Marks the tiles with outline cells that are wanted. Returns false if there are none.
+  template <class Wanted>
+  bool mark_tiles(const Wanted& wanted) {
     tile_columns_ = window_.width / kTile + 1;
     tiles_.assign(static_cast<std::size_t>(tile_columns_) *
                       (static_cast<std::size_t>(window_.height / kTile) + 1),
                   0);
     bool any = false;
     for (const std::uint32_t i : outline_) {
-      if (!covered(i)) continue;
+      if (!wanted(i)) continue;
       any = true;
       const int row = static_cast<int>(i) / window_.width;
       const int column = static_cast<int>(i) - row * window_.width;
@@ -407,7 +453,7 @@ class PartField {
   Gaps gaps_, cut_gaps_;
   float level_ = kUnclipped;            // maximum rho inside the outline
   std::vector<std::uint32_t> outline_;  // indices of cells
-  static constexpr int kTile = 8;       // side of a tile [cells]
+  static constexpr int kTile = 4;       // side of a tile [cells]
   int tile_columns_ = 0;
   std::vector<std::uint8_t> tiles_;
   std::vector<float> middle_, column_min_;
@@ -462,13 +508,15 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     window.height = std::min(field.height, to_cells(bounds.max().y(), bottom) + 4) - window.bottom;
     return window;
   };
-  PartField part_field;
+  thread_local PartField
+      part_field;  // keeps its memory, which the kernel would clear again for each field
   for (const ProjectedPart& projected_part : projected.parts) {
     const auto faces =
         std::span(projected.corners)
             .subspan(projected_part.begin, projected_part.end - projected_part.begin);
     part_field.cover(projected.points, faces, window_of(projected_part.corner_bounds));
     part_field.find_outline(kUnclipped);
+    part_field.find_gaps(projected.points, faces);
     part_field.add_umbra(field);
     part_field.add_penumbra(window_of(projected_part.disc_bounds), field);
     part_field.add_middle(field);
