@@ -147,8 +147,10 @@ TEST_F(RefineMap, WritesCameraAtTheEndOfLive) {
   const std::string recording = (shared_dir() / "recordings" / "rolling").string();
   const ProgramResult result = penumbra(
       {"live", "--camera", "recording:" + recording, "--no-window", "--scene",
-       empty_scene_in(folder_.path()), "--duration", "4", "--fps", "30", "--refine-map",
-       file("map.yaml"), "--refine-camera", file("camera.yaml"), "--report", file("live.json")});
+       empty_scene_in(folder_.path()), "--duration", "4",
+       "--fps=30",  // not slowed down with a sanitizer, because the rows' shear shows the speed
+       "--refine-map", file("map.yaml"), "--refine-camera", file("camera.yaml"), "--report",
+       file("live.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const nlohmann::json report = read_json(file("live.json"));
   EXPECT_EQ(report["map_refinement"]["camera_file"], file("camera.yaml"));
