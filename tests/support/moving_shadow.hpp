@@ -98,12 +98,13 @@ class MovingShadow {
     int count = 0;
     return layers_of(mesh, caster_.kernels_at(by_, time_s, mesh.positions, count));
   }
-  [[nodiscard]] PlaneLayers by_field(double time_s) const {
-    const ShadowMesh mesh = make_shadow_mesh(*model_->at(time_s).value());
-    const ShadowField field = power_distance_layers(
-        placed(mesh, {up_, mesh.positions, {}}), mesh.indices, mesh.part,
-        part_lights(part_discs(mesh, up_, kHalfFieldCell, false), placement_, PlaneFrame()),
-        constants_);
+  [[nodiscard]] PlaneLayers by_field(double time_s) {
+    const ShadowMesh mesh = mesh_at(time_s);
+    int count = 0;
+    const auto parts = caster_.field_parts_at(by_.direction, time_s, mesh, count).value();
+    const ShadowField field =
+        power_distance_layers(placed(mesh, {up_, mesh.positions, {}}), mesh.indices, mesh.part,
+                              part_lights(parts, placement_, PlaneFrame()), constants_);
     const auto covered = [&](ShadowLayer layer) {
       PlaneBits bits = *empty_;
       bits.cover_where([&](const Eigen::Vector2d& p) { return field_at(field, layer, p) > 0.0F; });

@@ -205,6 +205,13 @@ CasterCache::Animated& CasterCache::animated(const Scene& scene, int object) {
   return animated_.emplace(object, Animated{{shown.playback.model, shown.groups}}).first->second;
 }
 
+// Returns true if the object has the tilt that it had when it was drawn first: the user can tilt
+// it.
+bool CasterCache::has_first_tilt(Animated& caster, const ShadowDraw& draw,
+                                 const KernelDirection& direction) {
+  return caster.directions.try_emplace(draw.plane, direction).first->second == direction;
+}
+
 bool CasterCache::carries_kernels(const Scene& scene, const ShadowDraw& draw) {
   const auto index = static_cast<std::size_t>(draw.object);
   // A new tilt would need new kernels and comparisons. Kernels ignore cut-outs.
@@ -214,25 +221,25 @@ bool CasterCache::carries_kernels(const Scene& scene, const ShadowDraw& draw) {
   if (!caster.mesh_of(*scene.objects[index].model)) return false;
   const Eigen::Vector3d up = draw.T_table_object.rotation.conjugate() * draw.plane_frame.n;
   const KernelDirection direction = KernelDirection::nearest(up);
-  // The user can tilt the object; see above.
-  if (from.directions.try_emplace(draw.plane, direction).first->second != direction) return false;
+  if (!has_first_tilt(from, draw, direction)) return false;
   // In half octaves, so that not every change of the light is compared again.
   const double octaves = std::log2(draw.constants.umbra_height / draw.T_table_object.scale);
   return caster.suits({direction, draw.kernels},
                       {draw.light_mode, std::exp2(0.5 * std::round(2.0 * octaves))});
 }
 
-// Makes the mesh of a caster whose kernels are carried. Requires carries_kernels().
-void CasterCache::set_shape(const Scene& scene, const ShadowDraw& draw, CachedCaster& entry) {
-  Animated& from = animated(scene, draw.object);
+// Moves the mesh of an animated object to its shape. Returns false if the shape has another mesh.
+bool CasterCache::set_shape(const Scene& scene, int object, CachedCaster& entry) {
+  Animated& from = animated(scene, object);
   std::optional<ShadowMesh> mesh = from.caster.mesh_of(*entry.model);
-  PENUMBRA_ASSERT(mesh.has_value());
+  if (!mesh) return false;
   entry.carrier = &from.caster;
   entry.mesh = std::move(*mesh);
   if (!from.edges_made) from.edges = paired_edges(entry.mesh.indices);
   from.edges_made = true;
   entry.whole.edges = from.edges;
   entry.whole.edges_made = from.edges.has_value();
+  return true;
 }
 
 CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw) {
@@ -243,19 +250,16 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
                                ? CutOuts::visible_regions
                                : CutOuts::whole_faces;
   const bool rigid = object.playback.model == nullptr;
-  const bool carried = !rigid && traits_of(draw.technique).uses_kernels;
   auto& entry = casters_[{rigid ? object.model.get() : nullptr, edge, object.proxy_model.get(),
-                          object.groups, cut_outs, rigid ? -1 : draw.object, carried}];
+                          object.groups, cut_outs, rigid ? -1 : draw.object}];
   if (!entry) entry = std::make_unique<CachedCaster>();
   if (entry->model == object.model) return *entry;
   // Keeps the address, which other frames compare.
   *entry = CachedCaster();
   entry->model = object.model;
-  if (carried) {
-    set_shape(scene, draw, *entry);
-  } else {
+  // Regions that an image cuts out differ between the shapes.
+  if (rigid || cut_outs != CutOuts::whole_faces || !set_shape(scene, draw.object, *entry))
     entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
-  }
   entry->stored_source = stored_kernel_source(*object.model);
   set_geometry(entry->whole, entry->mesh, edge);
   if (cut_outs == CutOuts::whole_faces && object.proxy_model) {
@@ -356,6 +360,23 @@ bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, cons
       compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).is_sufficient();
   caster.proxy_kept.emplace(proxy_key, is_sufficient);
   return is_sufficient;
+}
+
+const std::vector<PartDisc>& CasterCache::field_parts_of(const ShadowDraw& draw,
+                                                         CachedCaster& caster,
+                                                         const KernelDirection& direction,
+                                                         RenderWork& work) {
+  const std::pair key(direction, true);
+  // A new tilt would need new keys.
+  if (caster.carrier != nullptr && !caster.part_sets.contains(key) &&
+      steady_[static_cast<std::size_t>(draw.object)] &&
+      has_first_tilt(animated_.at(draw.object), draw, direction)) {
+    int generated = 0;
+    auto parts = caster.carrier->field_parts_at(direction, draw.pose_s, caster.mesh, generated);
+    work[Counter::kernel_generations] += generated;
+    if (parts) return caster.part_sets.emplace(key, std::move(*parts)).first->second;
+  }
+  return parts_of(caster, direction, true, work);
 }
 
 const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,

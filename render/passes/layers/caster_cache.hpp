@@ -91,7 +91,7 @@ struct CachedCaster {
   };
 
   std::shared_ptr<const Model> model;  // what the caster was made from
-  AnimatedCaster* carrier = nullptr;   // gives its kernels; null: they are made for its shape
+  AnimatedCaster* carrier = nullptr;   // of an animated model, if its mesh is that of the carrier
   ShadowMesh mesh;
   // Source of the kernels in the model's file, also used for other tilts.
   KernelSource stored_source = KernelSource::automatic;
@@ -145,6 +145,9 @@ class CasterCache {
   Casting casting(const ShadowDraw& draw, CachedCaster& caster, const OwnFrame& own, bool to_gpu,
                   RenderWork& work);
 
+  // Returns the light sizes of a caster's parts, as the technique `field` has them.
+  const std::vector<PartDisc>& field_parts_of(const ShadowDraw& draw, CachedCaster& caster,
+                                              const KernelDirection& direction, RenderWork& work);
   // Returns the light sizes of a caster's parts.
   static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
                                                const KernelDirection& direction, bool of_field,
@@ -158,21 +161,21 @@ class CasterCache {
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
 
  private:
-  // Model, longest edge, proxy model, groups and cut-outs. The last two are an object with an
-  // animation, whose model changes and is null in the key (-1: a rigid model, which objects share),
-  // and whether its kernels are carried.
-  using Key =
-      std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts, int, bool>;
+  // Model, longest edge, proxy model, groups, cut-outs, and an object with an animation, whose
+  // model changes and is null in the key (-1: a rigid model, which objects share).
+  using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts, int>;
 
   // An object with an animation, and the edges of its mesh if this is closed.
   struct Animated {
     AnimatedCaster caster;
     std::optional<std::vector<SharedEdge>> edges = {};
     bool edges_made = false;
-    std::map<int, KernelDirection> directions = {};  // by plane, of the kernels
+    std::map<int, KernelDirection> directions = {};  // by plane, when it was drawn first
   };
   Animated& animated(const Scene& scene, int object);
-  void set_shape(const Scene& scene, const ShadowDraw& draw, CachedCaster& entry);
+  [[nodiscard]] static bool has_first_tilt(Animated& caster, const ShadowDraw& draw,
+                                           const KernelDirection& direction);
+  [[nodiscard]] bool set_shape(const Scene& scene, int object, CachedCaster& entry);
   KernelSet& kernels_of(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                         RenderWork& work);
   bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,

@@ -344,7 +344,7 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
   const PlaneFrame plane;
   const Eigen::Vector3d up = T_own_object.rotation.conjugate() * plane.n;
   const KernelDirection direction = KernelDirection::nearest(up);
-  const std::vector<PartDisc>& parts = CasterCache::parts_of(caster, direction, true, work);
+  const std::vector<PartDisc>& parts = casters_.field_parts_of(draw, caster, direction, work);
   const PlaneMap map = plane_map(T_own_object, plane);
   // The tolerance keeps rounding of tilt and height from clipping a caster on the plane.
   const auto contact = static_cast<float>(

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <glm/vec3.hpp>
 #include <limits>
 
 #include "core/assert.hpp"
@@ -36,6 +37,20 @@ Placement compared_placement(const ShadowMesh& mesh, const PlaneFrame& plane,
   return {lift * plane.n, Eigen::Quaterniond::Identity(), 1.0};
 }
 
+// Returns the mean of each part's vertices, object frame [m].
+std::vector<glm::vec3> part_means(const ShadowMesh& mesh) {
+  std::vector<glm::dvec3> sums(mesh.part_count, glm::dvec3(0.0));
+  std::vector<double> counts(mesh.part_count, 0.0);
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    sums[mesh.part[i]] += mesh.positions[i];
+    counts[mesh.part[i]] += 1.0;
+  }
+  std::vector<glm::vec3> means;
+  for (std::size_t part = 0; part < sums.size(); ++part)
+    means.emplace_back(sums[part] / std::max(counts[part], 1.0));
+  return means;
+}
+
 }  // namespace
 
 AnimatedCaster::AnimatedCaster(std::shared_ptr<const AnimatedModel> model,
@@ -43,8 +58,11 @@ AnimatedCaster::AnimatedCaster(std::shared_ptr<const AnimatedModel> model,
     : model_(std::move(model)) {
   PENUMBRA_ASSERT(model_ != nullptr);
   const double end_s = model_->end_s();
-  steps_ = std::clamp(static_cast<int>(std::ceil(std::min(end_s, 1e6) / kKernelKeyStep_s - 1e-6)),
-                      end_s > 0.0 ? 1 : 0, kMaxKernelSteps);
+  field_steps_ =
+      std::max(static_cast<int>(std::ceil(std::min(end_s, 1e6) / kKernelKeyStep_s - 1e-6)),
+               end_s > 0.0 ? 1 : 0);
+  field_step_s_ = field_steps_ > 0 ? end_s / field_steps_ : 0.0;
+  steps_ = std::min(field_steps_, kMaxKernelSteps);
   step_s_ = steps_ > 0 ? end_s / steps_ : 0.0;
   first_ = model_->at(0.0).value_or(nullptr);
   if (!first_) return;
@@ -71,10 +89,10 @@ bool AnimatedCaster::has_one_mesh() const {
   return *one_mesh_;
 }
 
-AnimatedCaster::Times AnimatedCaster::times_at(double time_s) const {
-  if (steps_ == 0) return {};
-  const double at = std::clamp(time_s / step_s_, 0.0, static_cast<double>(steps_));
-  const int before = std::min(static_cast<int>(at), steps_ - 1);
+AnimatedCaster::Times AnimatedCaster::times_at(double time_s, int steps, double step_s) {
+  if (steps == 0) return {};
+  const double at = std::clamp(time_s / step_s, 0.0, static_cast<double>(steps));
+  const int before = std::min(static_cast<int>(at), steps - 1);
   return {before, before + 1, at - before};
 }
 
@@ -103,7 +121,7 @@ const std::vector<PartDisc>& AnimatedCaster::key_parts(const Kernels& by, int ke
 ShadowKernels AnimatedCaster::kernels_at(const Kernels& by, double time_s,
                                          std::span<const glm::vec3> positions, int& generated) {
   if (keys_.size() >= kMaxKeys) keys_.clear();
-  const Times times = times_at(time_s);
+  const Times times = times_at(time_s, steps_, step_s_);
   ShadowKernels before = key_kernels(by, times.before, generated).at(positions);
   if (times.share == 0.0) return before;
   return blended(before, key_kernels(by, times.after, generated).at(positions), times.share);
@@ -111,13 +129,47 @@ ShadowKernels AnimatedCaster::kernels_at(const Kernels& by, double time_s,
 
 std::vector<PartDisc> AnimatedCaster::parts_at(const Kernels& by, double time_s, int& generated) {
   if (keys_.size() >= kMaxKeys) keys_.clear();
-  const Times times = times_at(time_s);
+  const Times times = times_at(time_s, steps_, step_s_);
   std::vector<PartDisc> parts = key_parts(by, times.before, generated);
   if (times.share == 0.0) return parts;
   const std::vector<PartDisc>& after = key_parts(by, times.after, generated);
   const auto share = static_cast<float>(times.share);
   for (std::size_t i = 0; i < parts.size(); ++i)
     parts[i].radius = (1.0F - share) * parts[i].radius + share * after[i].radius;
+  return parts;
+}
+
+const std::vector<PartDisc>& AnimatedCaster::field_key(const KernelDirection& direction, int key,
+                                                       double time_s, int& generated) {
+  FieldKey& made = field_keys_[{direction, key}];
+  if (made.made) return made.parts;
+  made.made = true;
+  const std::optional<ShadowMesh> mesh = mesh_at(time_s);
+  if (!mesh) return made.parts;
+  made.parts = part_discs(*mesh, direction.up(), kHalfFieldCell, false);
+  ++generated;
+  const std::vector<glm::vec3> means = part_means(*mesh);
+  for (std::size_t part = 0; part < means.size(); ++part) made.parts[part].centre -= means[part];
+  return made.parts;
+}
+
+std::optional<std::vector<PartDisc>> AnimatedCaster::field_parts_at(
+    const KernelDirection& direction, double time_s, const ShadowMesh& mesh, int& generated) {
+  if (field_keys_.size() >= kMaxKeys) field_keys_.clear();
+  const Times times = times_at(time_s, field_steps_, field_step_s_);
+  const auto key = [&](int index) -> const std::vector<PartDisc>& {
+    return field_key(direction, index, field_step_s_ * index, generated);
+  };
+  std::vector<PartDisc> parts = key(times.before);
+  const std::vector<PartDisc>& after = key(times.after);
+  if (parts.size() != mesh.part_count || after.size() != mesh.part_count) return std::nullopt;
+  const auto share = static_cast<float>(times.share);
+  const std::vector<glm::vec3> means = part_means(mesh);
+  for (std::size_t part = 0; part < parts.size(); ++part) {
+    PartDisc& disc = parts[part];
+    disc.radius = (1.0F - share) * disc.radius + share * after[part].radius;
+    disc.centre = means[part] + (1.0F - share) * disc.centre + share * after[part].centre;
+  }
   return parts;
 }
 

@@ -20,7 +20,7 @@ namespace penumbra {
 
 // Kernels are generated for shapes that are at most this far apart, and carried to those between.
 inline constexpr double kKernelKeyStep_s = 0.1;
-// A longer animation has this number of steps, which are then longer.
+// A longer animation has this number of steps between its kernels, which are then longer.
 inline constexpr int kMaxKernelSteps = 64;
 // Minimum mean IoU of the layers of carried kernels and of a field for the same light.
 inline constexpr double kMinCarriedUmbra = 0.92;
@@ -48,6 +48,12 @@ class AnimatedCaster {
   // Returns the discs of the parts, between those of the same two shapes; only their radii are
   // meaningful. See kernels_at().
   [[nodiscard]] std::vector<PartDisc> parts_at(const Kernels& by, double time_s, int& generated);
+  // Returns the discs of the parts as a field has them, seen along `direction`; `mesh` is that of
+  // mesh_of() at this time. The radii are between those of two shapes at most kKernelKeyStep_s
+  // apart, and so are the distances of the centres from the mean of the part's vertices. Returns
+  // nullopt if one of the two shapes has another mesh. Counts the sets that were generated for it.
+  [[nodiscard]] std::optional<std::vector<PartDisc>> field_parts_at(
+      const KernelDirection& direction, double time_s, const ShadowMesh& mesh, int& generated);
 
   // How the layers are used.
   struct Use {
@@ -75,15 +81,21 @@ class AnimatedCaster {
     std::optional<CarriedKernels> kernels;
     std::vector<PartDisc> parts;  // may be empty
   };
+  struct FieldKey {
+    bool made = false;
+    std::vector<PartDisc> parts;  // centres relative to the parts' means; empty: another mesh
+  };
   struct Times {
     int before = 0, after = 0;  // keys
     double share = 0.0;         // of the key after
   };
-  [[nodiscard]] Times times_at(double time_s) const;
+  [[nodiscard]] static Times times_at(double time_s, int steps, double step_s);
   [[nodiscard]] double time_of(int key) const { return step_s_ * key; }
   [[nodiscard]] std::optional<ShadowMesh> mesh_at(double time_s) const;
   [[nodiscard]] const CarriedKernels& key_kernels(const Kernels& by, int key, int& generated);
   [[nodiscard]] const std::vector<PartDisc>& key_parts(const Kernels& by, int key, int& generated);
+  [[nodiscard]] const std::vector<PartDisc>& field_key(const KernelDirection& direction, int key,
+                                                       double time_s, int& generated);
   [[nodiscard]] bool has_one_mesh() const;
   [[nodiscard]] Agreement compare(const Kernels& by, const Use& use);
 
@@ -91,10 +103,13 @@ class AnimatedCaster {
   std::shared_ptr<const Model> first_;  // shape at time 0; null if there is none
   ShadowMesh mesh_;                     // of first_
   double max_gap_ = 0.0;                // between welded vertices [m]
-  int steps_ = 0;                       // between keys
+  int steps_ = 0;                       // between keys of kernels
   double step_s_ = 0.0;
+  int field_steps_ = 0;  // between keys of fields, of which there may be more
+  double field_step_s_ = 0.0;
   mutable std::optional<bool> one_mesh_;  // whether the shapes of all keys have this mesh
   std::map<std::pair<Kernels, int>, Key> keys_;
+  std::map<std::pair<KernelDirection, int>, FieldKey> field_keys_;
   std::map<std::pair<Kernels, Use>, Agreement> agreements_;
 };
 

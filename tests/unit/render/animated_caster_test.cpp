@@ -151,6 +151,87 @@ TEST(AnimatedCaster, AcceptsAnimationOfOneKey) {
   EXPECT_TRUE(caster.suits(kUpright, kUse));
 }
 
+// --- lights of fields ---
+
+TEST(AnimatedCaster, HasFieldPartsOfItsKeys) {
+  AnimatedCaster caster(figure(), {});
+  int generated = 0;
+  for (const int key : {0, 3, 10, 3}) {
+    const double time_s = kKernelKeyStep_s * key;
+    const ShadowMesh mesh = mesh_of(caster, figure(), time_s);
+    const auto expected = part_discs(mesh, kUpright.direction.up(), kHalfFieldCell, false);
+    const auto parts = caster.field_parts_at(kUpright.direction, time_s, mesh, generated);
+    ASSERT_TRUE(parts && parts->size() == expected.size());
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      EXPECT_NEAR((*parts)[i].radius, expected[i].radius, 1e-7) << key << ' ' << i;
+      EXPECT_LT(glm::distance((*parts)[i].centre, expected[i].centre), 1e-6) << key << ' ' << i;
+    }
+  }
+  EXPECT_LE(generated, 6);  // 2 per time, the last of which has none
+}
+
+// Halfway between keys, where the limbs of the figure have moved by up to 1 cm since the last one.
+TEST(AnimatedCaster, MovesFieldPartsWithTheirVertices) {
+  AnimatedCaster caster(figure(), {});
+  int generated = 0;
+  double moved = 0.0;
+  std::vector<PartDisc> last;
+  for (double time_s = 0.05; time_s < figure()->end_s(); time_s += kKernelKeyStep_s) {
+    const ShadowMesh mesh = mesh_of(caster, figure(), time_s);
+    const auto exact = part_discs(mesh, kUpright.direction.up(), kHalfFieldCell, false);
+    const auto parts = caster.field_parts_at(kUpright.direction, time_s, mesh, generated).value();
+    ASSERT_EQ(parts.size(), exact.size());
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      const auto distance = [](const glm::vec3& a, const glm::vec3& b) {
+        return std::hypot(static_cast<double>(a.x - b.x), static_cast<double>(a.y - b.y));
+      };
+      EXPECT_LT(distance(parts[i].centre, exact[i].centre), 0.002) << time_s << ' ' << i;
+      EXPECT_NEAR(parts[i].radius / exact[i].radius, 1.0F, 0.08F) << time_s << ' ' << i;
+      if (!last.empty()) moved = std::max(moved, distance(parts[i].centre, last[i].centre));
+    }
+    last = parts;
+  }
+  EXPECT_GT(moved, 0.015);
+}
+
+TEST(AnimatedCaster, HasNoFieldPartsBesideShapeWithOtherFaces) {
+  test::GltfBuilder file;
+  file.node({{"mesh", file.square(0.1F)}});
+  file.node({{"mesh", 0}, {"translation", {0.3, 0, 0}}});
+  test::animate(file, 1, "scale", {0, 1}, std::vector<float>{1, 1, 1, 0, 0, 0},
+                {.interpolation = "STEP"});
+  const AnimatedModelPtr model = loaded(file.glb());
+  AnimatedCaster caster(model, {});
+  int generated = 0;
+  const auto parts_at = [&](double time_s) {
+    return caster.field_parts_at(kUpright.direction, time_s, mesh_of(caster, model, time_s),
+                                 generated);
+  };
+  EXPECT_TRUE(parts_at(0.85));
+  EXPECT_FALSE(parts_at(0.95));
+}
+
+// Keys of a long animation are as near to each other as those of a short one.
+TEST(AnimatedCaster, HasFieldKeysAtMostATenthOfASecondApart) {
+  test::GltfBuilder file;
+  file.node({{"mesh", file.square(0.1F)}});
+  test::animate(file, 0, "scale", {0, 50, 50.1F, 100},
+                std::vector<float>{1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2});
+  const AnimatedModelPtr model = loaded(file.glb());
+  AnimatedCaster caster(model, {});
+  int generated = 0;
+  const auto radius_at = [&](double time_s) {
+    return caster
+        .field_parts_at(kUpright.direction, time_s, mesh_of(caster, model, time_s), generated)
+        .value()
+        .front()
+        .radius;
+  };
+  const float small = radius_at(49.9), large = radius_at(50.2);
+  EXPECT_NEAR(large / small, 2.0, 0.01);
+  EXPECT_NEAR(radius_at(50.05) / small, 1.5, 0.05);
+}
+
 // --- which technique draws an object ---
 
 TEST(AnimatedCaster, SuitsObjectsWhoseKernelsAgreeWithField) {
