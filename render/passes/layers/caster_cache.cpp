@@ -205,8 +205,7 @@ CasterCache::Animated& CasterCache::animated(const Scene& scene, int object) {
   return animated_.emplace(object, Animated{{shown.playback.model, shown.groups}}).first->second;
 }
 
-// Returns true if the object has the tilt that it had when it was drawn first: the user can tilt
-// it.
+// Returns true if the object still has its first tilt. The user can tilt it.
 bool CasterCache::has_first_tilt(Animated& caster, const ShadowDraw& draw,
                                  const KernelDirection& direction) {
   return caster.directions.try_emplace(draw.plane, direction).first->second == direction;
@@ -257,7 +256,7 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   // Keeps the address, which other frames compare.
   *entry = CachedCaster();
   entry->model = object.model;
-  // Regions that an image cuts out differ between the shapes.
+  // Cut-outs are made for each shape.
   if (rigid || cut_outs != CutOuts::whole_faces || !set_shape(scene, draw.object, *entry))
     entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
   entry->stored_source = stored_kernel_source(*object.model);

@@ -141,16 +141,16 @@ std::vector<PartDisc> AnimatedCaster::parts_at(const Kernels& by, double time_s,
 
 const std::vector<PartDisc>& AnimatedCaster::field_key(const KernelDirection& direction, int key,
                                                        double time_s, int& generated) {
-  FieldKey& made = field_keys_[{direction, key}];
-  if (made.made) return made.parts;
-  made.made = true;
+  const auto [entry, is_new] = field_keys_.try_emplace({direction, key});
+  std::vector<PartDisc>& parts = entry->second;
+  if (!is_new) return parts;
   const std::optional<ShadowMesh> mesh = mesh_at(time_s);
-  if (!mesh) return made.parts;
-  made.parts = part_discs(*mesh, direction.up(), kHalfFieldCell, false);
+  if (!mesh) return parts;
+  parts = part_discs(*mesh, direction.up(), kHalfFieldCell, false);
   ++generated;
   const std::vector<glm::vec3> means = part_means(*mesh);
-  for (std::size_t part = 0; part < means.size(); ++part) made.parts[part].centre -= means[part];
-  return made.parts;
+  for (std::size_t part = 0; part < means.size(); ++part) parts[part].centre -= means[part];
+  return parts;
 }
 
 std::optional<std::vector<PartDisc>> AnimatedCaster::field_parts_at(

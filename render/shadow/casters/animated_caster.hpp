@@ -81,10 +81,6 @@ class AnimatedCaster {
     std::optional<CarriedKernels> kernels;
     std::vector<PartDisc> parts;  // may be empty
   };
-  struct FieldKey {
-    bool made = false;
-    std::vector<PartDisc> parts;  // centres relative to the parts' means; empty: another mesh
-  };
   struct Times {
     int before = 0, after = 0;  // keys
     double share = 0.0;         // of the key after
@@ -109,7 +105,8 @@ class AnimatedCaster {
   double field_step_s_ = 0.0;
   mutable std::optional<bool> one_mesh_;  // whether the shapes of all keys have this mesh
   std::map<std::pair<Kernels, int>, Key> keys_;
-  std::map<std::pair<KernelDirection, int>, FieldKey> field_keys_;
+  // Centres are relative to the means of the parts' vertices. Empty: the shape has another mesh.
+  std::map<std::pair<KernelDirection, int>, std::vector<PartDisc>> field_keys_;
   std::map<std::pair<Kernels, Use>, Agreement> agreements_;
 };
 

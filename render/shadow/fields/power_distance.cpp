@@ -508,8 +508,8 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     window.height = std::min(field.height, to_cells(bounds.max().y(), bottom) + 4) - window.bottom;
     return window;
   };
-  thread_local PartField
-      part_field;  // keeps its memory, which the kernel would clear again for each field
+  // Keeps its memory, which the kernel would clear again for each field.
+  thread_local PartField part_field;
   for (const ProjectedPart& projected_part : projected.parts) {
     const auto faces =
         std::span(projected.corners)
