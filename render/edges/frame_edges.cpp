@@ -13,6 +13,7 @@
 
 #include "render/model/shadow_mesh.hpp"
 #include "render/model/to_eigen.hpp"
+#include "render/scene/plane_outline.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
@@ -219,29 +220,39 @@ std::vector<EdgeGroup> FrameEdges::of(const Scene& scene, const FramePlan& plan,
   if (shadows) {
     using Key = std::tuple<int, int, int>;  // object, light, plane
     std::set<Key> seen;
-    const auto add_on_plane = [&](const LitCaster& caster, const PlaneFrame& plane,
+    const auto add_on_plane = [&](const LitCaster& caster, const PlaneFrame& plane, int index,
                                   std::span<const LightEdge> edges) {
       const HeightRange range = hard_shadow_range(plane, caster.light_position);
       if (!(light_height(plane, caster.light_position) > 0.0)) return;
       const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, plane);
       const glm::vec3 normal = to_camera * glm::vec4(0.0F, 0.0F, 1.0F, 0.0F);
+      const auto& outline = scene.planes[static_cast<std::size_t>(index)].outline;
       EdgeGroup group{EdgeKind::shadow_on_plane, {}};
+      const auto in_camera = [&to_camera](const Eigen::Vector2d& p) {
+        return to_camera *
+               glm::vec4(static_cast<float>(p.x()), static_cast<float>(p.y()), 0.0F, 1.0F);
+      };
+      const auto add_line = [&](const PlaneLine& line) {
+        screen.add(in_camera(line.from), in_camera(line.to), normal, kMaxPieces, group.edges);
+      };
       for (const LightEdge& edge : edges) {
         Eigen::Vector3d a = plane.to_plane(edge.a);
         Eigen::Vector3d b = plane.to_plane(edge.b);
         if (!clip_to_range(a, b, range)) continue;
-        const auto on_plane = [&](const Eigen::Vector3d& p) {
-          const Eigen::Vector2d s = shadow_point(plane, caster.light_position, p);
-          return to_camera *
-                 glm::vec4(static_cast<float>(s.x()), static_cast<float>(s.y()), 0.0F, 1.0F);
-        };
-        screen.add(on_plane(a), on_plane(b), normal, kMaxPieces, group.edges);
+        const PlaneLine line{shadow_point(plane, caster.light_position, a),
+                             shadow_point(plane, caster.light_position, b)};
+        if (outline.empty()) {
+          add_line(line);
+        } else {
+          // Beyond the outline there is no shadow, so that smoothing must not change the video.
+          std::ranges::for_each(parts_inside(line, outline), add_line);
+        }
       }
       if (!group.edges.empty()) groups.push_back(std::move(group));
     };
     for (const HardShadowDraw& draw : plan.hard_shadows) {
       if (!seen.insert({draw.object, draw.light, draw.plane}).second) continue;
-      add_on_plane(draw, draw.plane_frame, seen_from_light(scene, draw));
+      add_on_plane(draw, draw.plane_frame, draw.plane, seen_from_light(scene, draw));
     }
     std::map<int, Receiver> receivers;
     std::vector<float> sides;
@@ -273,7 +284,7 @@ std::vector<EdgeGroup> FrameEdges::of(const Scene& scene, const FramePlan& plan,
         if (!draw.on_planes) break;
         PlaneFrame drawn = receiver.frame;
         drawn.q = eye + kPlaneDepth * (drawn.q - eye);
-        add_on_plane(draw, drawn, edges);
+        add_on_plane(draw, drawn, receiver.plane, edges);
       }
       add_on_receivers(draw, edges, plan.phantoms, EdgeKind::shadow_on_phantom);
       if (draw.on_planes) add_on_receivers(draw, edges, plan.objects, EdgeKind::shadow_on_object);

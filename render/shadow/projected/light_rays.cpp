@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "render/model/to_eigen.hpp"
+#include "render/scene/plane_outline.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
@@ -25,18 +26,6 @@ glm::vec3 color_of(std::size_t index) {
   return {channel(0.0), channel(2.0), channel(4.0)};
 }
 
-// Returns true if p is inside the outline, by the even-odd rule.
-bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) {
-  bool in = false;
-  for (std::size_t i = 0; i < outline.size(); ++i) {
-    const Eigen::Vector2d& a = outline[i];
-    const Eigen::Vector2d& b = outline[(i + 1) % outline.size()];
-    if ((a.y() > p.y()) == (b.y() > p.y())) continue;
-    if (p.x() < a.x() + (b.x() - a.x()) * (p.y() - a.y()) / (b.y() - a.y())) in = !in;
-  }
-  return in;
-}
-
 // Returns the shadow of a point on the plane, or nullopt if it has no shadow on the plane.
 std::optional<Eigen::Vector3d> shadow_on(const RayReceiver& plane, const Eigen::Vector4d& light,
                                          const Eigen::Vector3d& point) {
@@ -46,7 +35,8 @@ std::optional<Eigen::Vector3d> shadow_on(const RayReceiver& plane, const Eigen::
   const Eigen::Vector3d p = plane.frame.to_plane(point);
   if (!(p.z() >= range.low && p.z() <= range.high)) return std::nullopt;
   const Eigen::Vector2d s = shadow_point(plane.frame, light, p);
-  if (!s.allFinite() || (!plane.outline.empty() && !inside(s, plane.outline))) return std::nullopt;
+  if (!s.allFinite() || (!plane.outline.empty() && !is_inside(s, plane.outline)))
+    return std::nullopt;
   return plane.frame.lift(s.x(), s.y());
 }
 

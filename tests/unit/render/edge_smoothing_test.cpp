@@ -189,6 +189,36 @@ TEST(EdgeSmoothingOf, LeavesShadowsOfScreenDoorAsDrawn) {
             plain_edges.draw_shadows(video, plain_edges.plan(view_pose(), options)));
 }
 
+// A shadow ends at the outline of its plane. Beyond it, smoothing changes neither the video nor the
+// shadow on another plane.
+TEST(EdgeSmoothingOf, LeavesPixelsBeyondOutlineAsTheyAre) {
+  for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
+    const auto draw_with = [technique](const std::vector<Eigen::Vector2d>& outline) {
+      auto builder = lit_scene();
+      builder.add(test::finished(make_box({0.14F, 0.09F, 0.06F}), glm::vec4(0.5F)),
+                  test::at(0.0, 0.0, 0.08, {1, 2, 3}, 0.7));
+      if (!outline.empty()) {
+        ScenePlane slope;
+        slope.normal = Eigen::Vector3d(0.3, 0.2, 0.9).normalized();
+        slope.outline = outline;
+        builder.scene().planes.push_back(slope);
+        builder.scene().shadows.front().planes.push_back(1);
+      }
+      test::Studio studio(builder.build(), view_of(1), GlApi::gl33, {});
+      PlanOptions plan;
+      plan.technique = technique;
+      plan.skip = false;
+      return studio.draw_shadows(video_of(1, tag_like), studio.plan(view_pose(), plan));
+    };
+    const auto square_at = [](double u) {
+      return std::vector<Eigen::Vector2d>{{u, -0.5}, {u + 0.5, -0.5}, {u + 0.5, 0.5}, {u, 0.5}};
+    };
+    const RenderedImage table_only = draw_with({});
+    EXPECT_NE(draw_with(square_at(0.0)), table_only) << to_string(technique);
+    EXPECT_EQ(draw_with(square_at(20.0)), table_only) << to_string(technique);
+  }
+}
+
 // An object that is cut by the near plane, or that surrounds the camera, has edges out of range.
 TEST(EdgeSmoothingOf, AcceptsObjectsAroundTheCamera) {
   for (const double scale : {0.1, 3.0, 3000.0}) {
