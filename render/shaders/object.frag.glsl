@@ -158,6 +158,10 @@ void main() {
   vec3 diffuse = albedo * (1.0 - metal);
   float ggx_alpha = max(rough * rough, 0.02);
   float alpha2 = ggx_alpha * ggx_alpha;
+  // The share of light that one reflection at the facets loses, because it meets further facets;
+  // it leaves these after further reflections (docs/rendering.md#light-between-facets).
+  float lost = rough * (0.303 - 0.177 * rough + n_v * (rough * (1.726 - 0.596 * n_v) - 0.558));
+  vec3 between_facets = 1.0 + f0 * (max(lost, 0.0) / (1.0 - lost));
 
   vec3 sum = emitted;
   for (int i = 0; i < MAX_LIGHTS; ++i) {
@@ -168,13 +172,13 @@ void main() {
     vec3 h = normalize(l + view);
     float n_h = max(dot(n, h), 0.0);
     float v_h = max(dot(view, h), 0.0);
-    // GGX distribution, Smith's visibility in its fast form, Schlick's Fresnel term; times pi, so
-    // that a light of intensity 1 gives a white Lambert surface the value 1.
+    // GGX distribution, Smith's visibility with correlated heights, Schlick's Fresnel term; times
+    // pi, so that a light of intensity 1 gives a white Lambert surface the value 1.
     float d = n_h * n_h * (alpha2 - 1.0) + 1.0;
-    float k = 0.5 * ggx_alpha;
-    float visibility = 0.25 / ((n_v * (1.0 - k) + k) * (n_l * (1.0 - k) + k));
+    float visibility = 0.5 / (n_l * sqrt(alpha2 + (1.0 - alpha2) * n_v * n_v) +
+                              n_v * sqrt(alpha2 + (1.0 - alpha2) * n_l * n_l));
     vec3 fresnel = f0 + (1.0 - f0) * pow(max(1.0 - v_h, 0.0), 5.0);
-    vec3 specular = fresnel * (alpha2 / (d * d) * visibility);
+    vec3 specular = fresnel * between_facets * (alpha2 / (d * d) * visibility);
     sum += (diffuse * (1.0 - fresnel) + specular) * light_color[i].rgb * n_l;
   }
   vec3 mirror = reflect(-view, n);

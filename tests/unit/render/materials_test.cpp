@@ -9,6 +9,7 @@
 #include <fstream>
 #include <glm/geometric.hpp>
 #include <map>
+#include <numbers>
 #include <random>
 
 #include "render/model/cut_out.hpp"
@@ -130,6 +131,44 @@ TEST(Materials, DrawsPlainSquare) {
   int changed = 0;
   EXPECT_GT(inside([&](int x, int y, double, double) { changed += image.red(x, y) != 120; }), 5000);
   EXPECT_GT(changed, 5000);
+}
+
+// A white metal reflects all light at any roughness: under light of strength 1 from all directions
+// its colour is 1. (Without the light between its facets, a rough one is half as bright.)
+TEST(Materials, KeepsLightOfRoughMetal) {
+  for (const double roughness : {0.7, 1.0}) {
+    const auto square = model_of(square_of(fmt::format(
+        R"("pbrMetallicRoughness":{{"metallicFactor":1,"roughnessFactor":{}}})", roughness)));
+    for (const Eigen::Vector3d& eye : {Eigen::Vector3d(0.02, -0.05, 0.5), {0.1, -0.4, 0.3}}) {
+      constexpr int kDirections = 96;
+      constexpr int kAtOnce = 8;
+      double sum = 0.0;
+      for (int first = 0; first < kDirections; first += kAtOnce) {
+        SceneBuilder builder;
+        builder.scene().shadows[0].technique = ShadowTechnique::none;
+        builder.scene().ambient.setZero();
+        builder.add(square, test::at(0, 0, kHeight), false);
+        for (int i = first; i < first + kAtOnce; ++i) {
+          // Evenly over the hemisphere (Fibonacci spiral).
+          const double z = (i + 0.5) / kDirections;
+          const double turn = 2.0 * std::numbers::pi * 0.6180339887 * i;
+          const double r = std::sqrt(1.0 - z * z);
+          SceneLight light;
+          light.kind = SceneLight::Kind::directional;
+          light.direction = {r * std::cos(turn), r * std::sin(turn), z};
+          light.intensity = 0.12;  // eight lights stay below the compression of bright light
+          builder.scene().lights.push_back(light);
+        }
+        Studio studio(builder.build(), camera());
+        const PoseEstimate from = test::tracked(test::look_at(eye, {0.0, 0.0, kHeight}));
+        const RenderedImage image =
+            studio.draw(test::plain_frame(kSide, kSide, 0), studio.plan(from, {}));
+        sum += static_cast<double>(linear(image.red(kSide / 2, kSide / 2))) / 0.12;
+      }
+      // A light adds pi times the reflected fraction; the hemisphere is 2 pi.
+      EXPECT_NEAR(2.0 * sum / kDirections, 1.0, 0.1) << roughness << ", " << eye.transpose();
+    }
+  }
 }
 
 TEST(Materials, MultipliesMetallicRoughnessTextureByFactors) {
