@@ -244,7 +244,7 @@ std::vector<EdgeGroup> FrameEdges::of(const Scene& scene, const FramePlan& plan,
         if (outline.empty()) {
           add_line(line);
         } else {
-          // Beyond the outline there is no shadow, so that smoothing must not change the video.
+          // Beyond the outline there is no shadow, so smoothing must not change the video.
           std::ranges::for_each(parts_inside(line, outline), add_line);
         }
       }

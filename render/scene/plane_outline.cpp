@@ -29,11 +29,12 @@ std::vector<PlaneLine> parts_inside(const PlaneLine& line,
   const Eigen::Vector2d along = line.to - line.from;
   std::vector<double> cuts = {0.0, 1.0};  // positions on the line where it may enter or leave
   for (std::size_t i = 0; i < outline.size(); ++i) {
-    const Eigen::Vector2d side = outline[(i + 1) % outline.size()] - outline[i];
-    const Eigen::Vector2d to_side = outline[i] - line.from;
-    const double t = cross(to_side, side) / cross(along, side);
-    const double on_side = cross(to_side, along) / cross(along, side);
-    if (t > 0.0 && t < 1.0 && on_side >= 0.0 && on_side <= 1.0) cuts.push_back(t);
+    const Eigen::Vector2d a = outline[i] - line.from;
+    const Eigen::Vector2d b = outline[(i + 1) % outline.size()] - line.from;
+    // The sides at a corner agree on where it lies, so a line through the corner crosses one.
+    if ((cross(along, a) > 0.0) == (cross(along, b) > 0.0)) continue;
+    const double t = cross(a, b - a) / cross(along, b - a);
+    if (t > 0.0 && t < 1.0) cuts.push_back(t);
   }
   std::ranges::sort(cuts);
   const auto at = [&](double t) -> Eigen::Vector2d {
