@@ -57,7 +57,7 @@ const std::vector<FolderRule>& folder_rules() {
         {"render/gl/.*", "render/(?!gl/).*"},
         // The library, and the part of render that it links (penumbra_shadow), have no OpenGL.
         {"(library|render/shadow)/.*",
-         R"(render/(?!shadow/|model/|scene/(scene|plane_frame|technique|layered_constants)\.hpp).*)"},
+         R"(render/(?!shadow/|model/|scene/(scene|plane_frame|plane_outline|technique|layered_constants)\.hpp).*)"},
         {"tracking/alignment/.*", R"(tracking/[^/]+\.hpp)"},  // the trackers
         {"app/capture/.*", "app/output/.*"},
         {"app/output/.*", "app/capture/.*"},
