@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <ranges>
+#include <span>
 
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
@@ -112,6 +113,8 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         return {};
       },
       progress, "vertices", interrupt, output));
+  // A .glb may be replaced by its copy with kernels.
+  PENUMBRA_TRY_VOID(check_written_once({&options.output, 1}, std::span(plain.files).subspan(1)));
   warn_of_model(options, plain);
   PENUMBRA_TRY(const auto bytes, encode(options, plain, kernels));
   if (const auto done = write_file(output.partial(), bytes); !done) {

@@ -36,6 +36,7 @@ Result<ExitCode> run_shadow(const ShadowJob& given) {
   while (!is_done_within(computing, std::chrono::milliseconds(1000), interrupt, output)) {
   }
   PENUMBRA_TRY(const auto result, computing.get());
+  PENUMBRA_TRY_VOID(check_written_once({&job.output, 1}, result.files));
   if (job.format == ShadowJob::Format::png) {
     if (const auto done = write_shadow_png(output.partial(), drawing_of(job, result)); !done) {
       return output.failed(done.error());

@@ -39,10 +39,11 @@ constexpr int kTrackAhead = 2;   // queue length between tracking and drawing [f
 constexpr int kEncodeAhead = 2;  // queue length between drawing and encoding [frames]
 
 // Fails if an output would replace an input or another output, or lies in the recording's folder.
-Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
+Result<void> check_outputs(const ReplayRequest& request, const Recording& recording,
+                           const Scene& scene) {
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
-  for (const ObjectRequest& object : request.objects) taken.push_back(object.file);
+  for (fs::path& file : model_files(scene)) taken.push_back(std::move(file));
   if (request.tags) taken.push_back(*request.tags);
   taken.push_back(recording.camera_file);
   for (const fs::path& file : files_of(recording)) taken.push_back(file);
@@ -215,7 +216,7 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   log_scene_warnings(*scene, plans);
   PENUMBRA_TRY(setup.events, load_events(request, recording));
   PENUMBRA_TRY_VOID(load_added_models(setup.events, *scene, recording.folder / "events.jsonl"));
-  PENUMBRA_TRY_VOID(check_outputs(request, recording));
+  PENUMBRA_TRY_VOID(check_outputs(request, recording, *scene));
   PENUMBRA_TRY(setup.source, open_frames(request, recording));
 
   setup.image = image_size(request, *recording.camera);

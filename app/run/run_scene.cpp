@@ -33,4 +33,14 @@ Result<RunScene> load_run_scene(const RunRequest& request, const TagMap* tags) {
   return loaded;
 }
 
+std::vector<std::filesystem::path> model_files(const Scene& scene) {
+  std::vector<std::filesystem::path> files;
+  for (const SceneObject& object : scene.objects) {
+    for (const Model* model : {object.model.get(), object.proxy_model.get()}) {
+      if (model != nullptr) files.insert(files.end(), model->files.begin(), model->files.end());
+    }
+  }
+  return files;
+}
+
 }  // namespace penumbra

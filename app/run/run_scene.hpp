@@ -1,6 +1,7 @@
 // The scene of a run: its file and the objects of --object.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <vector>
 
@@ -20,5 +21,8 @@ struct RunScene {
 // Loads the scene and adds the requested objects; prints a line about each. The kernel file
 // replaces the kernels of casters that have its vertex count. `tags`: nullptr if there are none.
 [[nodiscard]] Result<RunScene> load_run_scene(const RunRequest& request, const TagMap* tags);
+
+// Returns the files of the scene's models.
+[[nodiscard]] std::vector<std::filesystem::path> model_files(const Scene& scene);
 
 }  // namespace penumbra

@@ -127,6 +127,9 @@ struct Model {
   // double-sided.
   bool culls_back_faces = false;
   std::vector<std::string> warnings;  // about ignored content of the file
+  // Files that were read: the model's own first, then its buffers, materials and images, which are
+  // all in its folder or below. Empty for a model that was not read from a file.
+  std::vector<std::filesystem::path> files;
 
   [[nodiscard]] std::size_t vertex_count() const;
   [[nodiscard]] std::size_t triangle_count() const;

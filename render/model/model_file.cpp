@@ -401,6 +401,7 @@ Result<void> convert(Model& model, const Source& source) {
   const ModelLoadOptions& reading = source.reading;
   const std::string name = source.name();
   model.name = source.file.stem().string();
+  model.files.insert(model.files.begin(), source.file);
   if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && source.is_gltf()))
     convert_to_z_up(model);
   if (!reading.stored_kernels) {

@@ -231,6 +231,7 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
   }
   const Result<std::vector<std::uint8_t>> bytes = read_file(*file, limits_.max_file_bytes);
   if (!bytes) return ignore(bytes.error().message);
+  read_files_.push_back(*file);
   const Result<std::string_view> text = without_byte_order_mark(
       {reinterpret_cast<const char*>(bytes->data()), bytes->size()}, file->string());
   if (!text) return ignore(text.error().message);
@@ -285,6 +286,7 @@ void ObjMaterials::load_image(Model& model, ObjMaterial& from) {
   const auto load = [&]() -> Result<int> {
     PENUMBRA_TRY(const std::filesystem::path file, model_resource_path(folder_, name));
     PENUMBRA_TRY(std::vector<std::uint8_t> bytes, read_file(file, limits_.max_file_bytes));
+    read_files_.push_back(file);
     PENUMBRA_TRY(RgbaImage decoded, decode_rgba(bytes, file.string()));
     Result<int> added =
         add_texture(model, std::move(decoded), file.string(), limits_, std::move(bytes));
@@ -319,6 +321,7 @@ void ObjMaterials::move_to(Model& model, const std::vector<bool>& used) {
   }
   model.materials.push_back(plain_material("default"));
   model.warnings.insert(model.warnings.end(), warnings_.begin(), warnings_.end());
+  model.files = read_files_;
 }
 
 }  // namespace penumbra

@@ -103,6 +103,7 @@ class ObjMaterials {
   std::map<std::string, std::size_t> by_name_;
   std::map<std::string, int> images_;  // path -> index into Model::textures, -1: unreadable
   std::vector<std::string> warnings_;
+  std::vector<std::filesystem::path> read_files_;
   std::set<std::string> files_;  // .mtl files of the mtllib lines so far
   bool incomplete_ = false;
 };

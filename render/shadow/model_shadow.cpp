@@ -102,6 +102,7 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& request, const Sh
   PENUMBRA_TRY(auto model,
                load_model(request.proxy_file, {.up = request.up, .unit_m = request.unit_m}));
   for (const std::string& warning : model.warnings) warn(result, "{}", warning);
+  result.files.insert(result.files.end(), model.files.begin(), model.files.end());
   move_origin(model, request.model_origin);
   return std::optional<ShadowProxy>(proxy_from_model(mesh, model));
 }
@@ -348,6 +349,7 @@ Result<ModelShadow> compute_shadow(const ModelShadowRequest& request) {
 Result<ModelShadow> compute_shadow(const ModelShadowRequest& given, Model model) {
   ShadowJob request{given};
   ShadowBuild result{{}, given.on_warning};
+  result.files = model.files;
   PENUMBRA_TRY(const auto caster, make_caster(request, std::move(model), result));
   const ShadowMesh& mesh = caster.mesh;
   const PlaneFrame plane = plane_under(mesh, request.placement, request.plane);

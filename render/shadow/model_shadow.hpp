@@ -82,7 +82,8 @@ struct ModelShadow {
   std::size_t vertices = 0;
   std::size_t parts = 0;
   ProxyResult proxy;
-  std::vector<std::string> warnings;  // without duplicates, in the order they were reported
+  std::vector<std::string> warnings;         // without duplicates, in the order they were reported
+  std::vector<std::filesystem::path> files;  // of the model and its proxy
 };
 
 // Loads the model, and the kernels if the request names a file, and computes the shadow.

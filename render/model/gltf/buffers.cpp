@@ -156,6 +156,7 @@ Result<std::vector<std::uint8_t>> Buffers::fetch(std::string_view uri) {
   if (!is_file(*file)) return fail("{}: not found; put it beside the model", file->string());
   PENUMBRA_TRY(std::vector<std::uint8_t> read, read_file(*file, bytes_left_));
   bytes_left_ -= read.size();
+  files_.push_back(*file);
   if (leaves_folder(percent_decoded(uri))) {
     warnings_.push_back(fmt::format("\"{}\" is outside the model's folder; {} is used",
                                     uri.substr(0, 200), file->string()));

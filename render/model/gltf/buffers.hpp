@@ -33,6 +33,8 @@ class Buffers {
   [[nodiscard]] Result<std::vector<std::uint8_t>> fetch(std::string_view uri);
   // Returns warnings about files read from the model's folder although their URIs lead elsewhere.
   [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }
+  // Returns the files read so far.
+  [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
 
  private:
   std::filesystem::path folder_;
@@ -40,6 +42,7 @@ class Buffers {
   std::optional<std::span<const std::uint8_t>> binary_;
   std::size_t bytes_left_;
   std::vector<std::string> warnings_;
+  std::vector<std::filesystem::path> files_;
   std::vector<std::optional<std::vector<std::uint8_t>>> fetched_;  // per buffer
 };
 

@@ -314,6 +314,7 @@ Result<Model> Reader::at(std::optional<double> time_s) {
   }
   drop_ambiguous_kernels(model);
   notes.append_to(model.warnings);
+  model.files = buffers_.files();
   model.warnings.insert(model.warnings.end(), buffers_.warnings().begin(),
                         buffers_.warnings().end());
   return model;
