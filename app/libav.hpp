@@ -8,7 +8,9 @@ extern "C" {
 #include <libavformat/avformat.h>
 #include <libavutil/crc.h>
 #include <libavutil/error.h>
+#include <libavutil/mem.h>
 #include <libavutil/pixdesc.h>
+#include <libavutil/sha.h>
 #include <libswscale/swscale.h>
 }
 
@@ -32,12 +34,17 @@ extern "C" {
   FUNCTION(avutil, av_frame_free)                    \
   FUNCTION(avutil, av_frame_get_buffer)              \
   FUNCTION(avutil, av_frame_make_writable)           \
+  FUNCTION(avutil, av_free)                          \
   FUNCTION(avutil, av_get_pix_fmt_name)              \
   FUNCTION(avutil, av_log_format_line2)              \
   FUNCTION(avutil, av_log_set_callback)              \
   FUNCTION(avutil, av_pix_fmt_count_planes)          \
   FUNCTION(avutil, av_pix_fmt_desc_get)              \
   FUNCTION(avutil, av_rescale_rnd)                   \
+  FUNCTION(avutil, av_sha_alloc)                     \
+  FUNCTION(avutil, av_sha_final)                     \
+  FUNCTION(avutil, av_sha_init)                      \
+  FUNCTION(avutil, av_sha_update)                    \
   FUNCTION(avutil, av_strerror)                      \
   FUNCTION(avcodec, av_packet_alloc)                 \
   FUNCTION(avcodec, av_packet_clone)                 \

@@ -155,6 +155,11 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       }
     }
     set_run_options(command, options->shadow, options->request);
+    for (const char* name : kept_options()) {
+      const CLI::Option* option = command.get_option_no_throw(name);
+      if (option == nullptr || option->count() == 0) continue;
+      options->request.kept_options.emplace_back(name, option->results().back());
+    }
     chosen = [options] { return live(*options); };
   });
 }

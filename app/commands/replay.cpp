@@ -5,6 +5,8 @@
 #include <ranges>
 
 #include "app/commands/options.hpp"
+#include "app/logging.hpp"
+#include "app/recording/session_record.hpp"
 #include "app/replay/replay_run.hpp"
 #include "core/propagate.hpp"
 
@@ -15,6 +17,7 @@ struct ReplayOptions {
   ReplayRequest request;
   ShadowChoice shadow;
   std::vector<std::string> compare;
+  std::optional<SessionRecord> session;  // that the recording keeps
 };
 
 // Returns the panes of --compare. --kernels and --light-mode apply to every pane except `cocl`,
@@ -41,7 +44,28 @@ std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
   return techniques;
 }
 
+// Reads the session that a recording keeps, and sets its options where the user gives none.
+Result<void> take_session(CLI::App& command, ReplayOptions& options) {
+  PENUMBRA_TRY(options.session, load_session_record(options.request.recording));
+  if (!options.session) return {};
+  for (const auto& [name, value] : options.session->options) {
+    CLI::Option* option = command.get_option_no_throw(name);
+    const bool excluded = (name == "--shadow" && !options.compare.empty()) ||
+                          (name == "--smooth" && options.request.poses_from);
+    if (option == nullptr || option->count() > 0 || excluded) continue;
+    try {
+      option->add_result(value);
+      option->run_callback();
+    } catch (const CLI::Error& error) {
+      return fail("{}: options: {}; correct the value or remove it",
+                  (options.request.recording / "session.json").string(), error.what());
+    }
+  }
+  return {};
+}
+
 // Returns the scene of a recorded session that added objects to it; empty for other recordings.
+// Recordings of earlier versions have no session.json.
 std::filesystem::path recorded_scene(const std::filesystem::path& recording) {
   const auto events = load_scene_events(recording / "events.jsonl");
   if (!events || !adds_objects(*events)) return {};
@@ -50,6 +74,10 @@ std::filesystem::path recorded_scene(const std::filesystem::path& recording) {
 
 Result<ExitCode> replay(const ReplayOptions& options) {
   ReplayRequest request = options.request;
+  if (options.session) {
+    for (const std::string& warning : options.session->warnings) log_warning("{}", warning);
+    if (request.scene.empty()) request.scene = options.session->scene;
+  }
   if (request.scene.empty() && request.edits) {
     request.scene = recorded_scene(request.recording);
   }
@@ -122,6 +150,10 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera",
                             "--save-scene"});
+    if (const auto taken = take_session(command, *options); !taken) {
+      chosen = [error = taken.error()]() -> Result<ExitCode> { return tl::unexpected(error); };
+      return;
+    }
     set_run_options(command, options->shadow, options->request);
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

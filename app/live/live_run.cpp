@@ -58,11 +58,12 @@ Result<void> check_apart_from_record(const LiveRequest& request) {
 }
 
 // Fails if an output would replace an input of this run or another output.
-Result<void> check_outputs(const LiveRequest& request, const CameraAddress& address) {
+Result<void> check_outputs(const LiveRequest& request, const CameraAddress& address,
+                           const Scene& scene) {
   std::vector<std::filesystem::path> taken = {request.scene, request.camera.calibration,
                                               request.tags};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
-  for (const ObjectRequest& object : request.objects) taken.push_back(object.file);
+  for (std::filesystem::path& file : model_files(scene)) taken.push_back(std::move(file));
   if (request.record) taken.push_back(*request.record);
   if (address.kind == CameraAddress::Kind::recording) {
     PENUMBRA_TRY(const auto played, open_as_camera(address));
@@ -76,7 +77,7 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
 
 // Returns the data that starts each recording of this session.
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
-                                     const CameraModel& camera) {
+                                     const CameraModel& camera, const Scene& scene) {
   // Copies the calibration file verbatim, unless it is scaled or contains other cameras.
   const bool adapt = request.camera.scale_calibration || !request.camera.camera_name.empty();
   PENUMBRA_TRY(auto camera_yaml, adapt ? Result<std::string>(ros_camera_text(camera))
@@ -89,6 +90,8 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   head.read_controls = [&source] { return source.controls(); };
   head.camera_yaml = std::move(camera_yaml);
   head.tags_yaml = std::move(tags_yaml);
+  PENUMBRA_TRY(head.session,
+               session_head(request.scene, scene, request.kernel_file, request.kept_options));
   return head;
 }
 
@@ -154,12 +157,12 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto source, open_camera(address, request.camera, &camera));
   PENUMBRA_TRY_VOID(check_size_or_offer_scaling(request.camera, address, source->format(), camera));
   log_info("{}", source->description());
-  PENUMBRA_TRY_VOID(check_outputs(request, address));
+  PENUMBRA_TRY_VOID(check_outputs(request, address, *scene));
   interrupt.hold();
   PENUMBRA_TRY(auto outputs,
                open_outputs(request, {camera.width(), camera.height(), source->format().interval_s},
                             other_groups(tags), kFramesToEncode));
-  PENUMBRA_TRY(auto head, recording_head(request, *source, camera));
+  PENUMBRA_TRY(auto head, recording_head(request, *source, camera, *scene));
   auto recorder = std::make_unique<LiveRecorder>(std::move(head));
   if (request.record) PENUMBRA_TRY_VOID(recorder->start(*request.record));
   return LiveSetup{std::move(camera),

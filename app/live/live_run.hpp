@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "app/live/live_camera.hpp"
+#include "app/recording/session_record.hpp"
 #include "app/report/run_report.hpp"
 #include "app/run/run_request.hpp"
 #include "core/error.hpp"
@@ -19,6 +20,7 @@ struct LiveRequest : RunRequest {
   std::optional<std::filesystem::path> record;
   std::optional<double> duration_s;  // measured from the first frame; default: no limit
   bool vsync = true;
+  GivenOptions kept_options;  // that a recording keeps
 };
 
 // Ends after the duration, on Ctrl-C, or when the window is closed. All files are complete then.

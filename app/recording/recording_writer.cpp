@@ -83,6 +83,7 @@ struct PoseLine {
 };
 struct EventLine {
   std::string text;
+  std::vector<KeptFile> files = {};  // copied before the line is written
 };
 using Item = std::variant<CapturedImage, PoseLine, EventLine>;
 
@@ -107,6 +108,7 @@ struct RecordingWriter::Impl {
   std::map<std::string, GrowingFile> group_poses;  // files of the groups tracked so far
   std::set<std::string> nameless_groups;           // have no file name; reported once
   std::optional<LosslessVideo> video;
+  SessionStore session;
   bool with_exposure = false;  // the first image has an exposure time
   bool with_utc = false;       // the first image has a UTC time
   bool is_open = false;        // the folder was created
@@ -169,9 +171,9 @@ struct RecordingWriter::Impl {
     }
     auto filled = fill();
     if (!filled) {
-      for (const char* name : {"camera.yaml", "tags.yaml", "controls.json", "events.jsonl",
-                               "poses.tum", "timestamps.csv", "frames"}) {
-        fs::remove(folder / name, error);
+      for (const char* name : {"camera.yaml", "tags.yaml", "scene", "session.json", "controls.json",
+                               "events.jsonl", "poses.tum", "timestamps.csv", "frames"}) {
+        fs::remove_all(folder / name, error);
       }
       for (const fs::path& part : made) fs::remove(part, error);
     }
@@ -189,6 +191,9 @@ struct RecordingWriter::Impl {
     }
     PENUMBRA_TRY_VOID(write_text_file(folder / "camera.yaml", head.camera_yaml));
     PENUMBRA_TRY_VOID(write_text_file(folder / "tags.yaml", head.tags_yaml));
+    if (!head.session.scene_text.empty()) {
+      PENUMBRA_TRY_VOID(session.begin(folder, head.session));
+    }
     PENUMBRA_TRY_VOID(write_controls());
     PENUMBRA_TRY_VOID(events.create(folder / "events.jsonl"));
     PENUMBRA_TRY_VOID(poses.create(folder / "poses.tum"));
@@ -290,7 +295,13 @@ struct RecordingWriter::Impl {
     if (const auto* pose = std::get_if<PoseLine>(&item)) {
       return pose->group.empty() ? poses.add_line(pose->text) : write_group(*pose);
     }
-    return events.add_line(std::get<EventLine>(item).text);
+    const auto& event = std::get<EventLine>(item);
+    if (!event.files.empty()) {
+      // Without the copy, the recording is replayed with the user's file.
+      if (const auto kept = session.add(event.files); !kept)
+        log_warning("{}", kept.error().message);
+    }
+    return events.add_line(event.text);
   }
 
   template <class Work>
@@ -423,7 +434,18 @@ void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view even
 }
 
 void RecordingWriter::add_scene_edit(const SceneEvent& event) {
-  impl_->add(EventLine{event_line(event)});
+  const auto* added = std::get_if<ObjectAdded>(&event.edit);
+  if (added == nullptr || added->model == nullptr || added->model->files.empty()) {
+    return impl_->add(EventLine{event_line(event)});
+  }
+  SceneEvent kept = event;
+  std::vector<KeptFile> files;
+  {
+    const std::lock_guard lock(impl_->mutex);
+    std::get<ObjectAdded>(kept.edit).model_file =
+        impl_->head.session.models.keep(*added->model, files).string();
+  }
+  impl_->add(EventLine{event_line(kept), std::move(files)});
 }
 
 void RecordingWriter::add_light(const LitFrame& lit) {

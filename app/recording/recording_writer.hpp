@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "app/capture/live_source.hpp"
+#include "app/recording/session_record.hpp"
 #include "app/session/scene_edit.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/pose_estimate.hpp"
@@ -31,6 +32,7 @@ struct RecordingHead {
   std::function<std::vector<std::pair<std::string, std::int64_t>>()> read_controls;
   std::string camera_yaml;  // text of camera.yaml
   std::string tags_yaml;
+  SessionHead session;  // not kept if its scene is empty
 };
 
 struct RecordingCounts {
@@ -59,6 +61,7 @@ class RecordingWriter {
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);
   void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
+  // Copies the files of an added model too.
   void add_scene_edit(const SceneEvent& event);
   void add_light(const LitFrame& lit);
   [[nodiscard]] const std::filesystem::path& folder() const;

@@ -242,6 +242,8 @@ Result<void> load_added_models(SceneEvents& events, const Scene& scene,
         std::ranges::find(scene.objects, added->object, &SceneObject::name) != scene.objects.end();
     if (is_there) continue;
     const std::string& animation = added->playback.animation;
+    // A relative path names the copy in the recording.
+    added->model_file = (events_file.parent_path() / added->model_file).string();
     LoadedModel& known = models[{added->model_file, animation}];
     if (known.model == nullptr) {
       auto loaded = load_model_or_animation(added->model_file, animation);

@@ -26,14 +26,16 @@ constexpr std::string_view kRemoved = "object_removed";
 constexpr std::string_view kRestored = "object_restored";
 constexpr std::string_view kLit = "video_light";
 constexpr double kMaxLight = 1e6;  // multiples of full white
-constexpr double kFarthest_m = 1e6;
+constexpr double kLargestPlace_m = 1e6;
 constexpr double kMaxQuaternionError = 1e-3;
 
 bool usable(const Placement& placement) {
-  return placement.position.allFinite() && placement.position.cwiseAbs().maxCoeff() < kFarthest_m &&
+  return placement.position.allFinite() &&
+         placement.position.cwiseAbs().maxCoeff() < kLargestPlace_m &&
          placement.rotation.coeffs().allFinite() &&
          std::abs(placement.rotation.norm() - 1.0) < kMaxQuaternionError &&
-         std::isfinite(placement.scale) && placement.scale > 0.0 && placement.scale < kFarthest_m;
+         std::isfinite(placement.scale) && placement.scale > 0.0 &&
+         placement.scale < kLargestPlace_m;
 }
 
 bool usable(const ShadowStyle& style) {

@@ -32,7 +32,7 @@ struct ShadowStyled {
 // Adds a model to the scene (add_object()). If the scene has an object of this name, places it.
 struct ObjectAdded {
   std::string object;
-  std::string model_file;  // absolute path
+  std::string model_file;  // absolute path; in a recording's events, relative to the recording
   Placement placement;
   std::shared_ptr<const Model> model;  // null until it is loaded
   // Only its model and its animation are recorded; the animation is empty for a rigid object.

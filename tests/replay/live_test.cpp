@@ -399,9 +399,11 @@ TEST(LiveCommand, KeepsReadableFilesOnCtrlC) {
 TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const std::string session = (temporary.path() / "session").string();
+  const std::string scene = (temporary.path() / "empty.json").string();
+  std::ofstream(scene) << R"({"objects": [], "shadows": []})";
   constexpr int kLessThanAFrame = 8;  // [KiB]
-  const auto done =
-      with_files_up_to(kLessThanAFrame, live({"--duration", "0.4", "--record", session}));
+  const auto done = with_files_up_to(
+      kLessThanAFrame, live({"--duration", "0.4", "--record", session, "--scene", scene}));
   EXPECT_EQ(done.exit_code, 1);
   EXPECT_NE(done.err.find("the recording is closed, the session continues"), std::string::npos)
       << done.err;

@@ -187,6 +187,34 @@ TEST_F(ObjectOption, DemoShowsObject) {
   EXPECT_THAT(demo.out, HasSubstr("toy.obj: scale 0.001"));
 }
 
+// The material of a model is an input, although no option names it.
+TEST_F(ObjectOption, RefusesOutputsOverFilesThatModelsRead) {
+  const std::string material = "newmtl red\nKd 0.8 0.1 0.1\n";
+  std::ofstream(path("paint.json")) << material;
+  std::ofstream(path("board.obj"))
+      << "mtllib paint.json\nusemtl red\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\n"
+         "f 1 2 3\n";
+  std::ofstream(path("scene.json"))
+      << R"({"objects": [{"name": "a", "model": "board.obj"}], "shadows": []})";
+  const std::vector<std::string> replay = {"replay", bundled("tabletop"), "--no-window", "--frames",
+                                           "0:1"};
+  const auto with = [](std::vector<std::string> words, const std::vector<std::string>& more) {
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  for (const auto& words :
+       {std::vector<std::string>{"kernels", path("board.obj"), "--output", path("paint.json")},
+        std::vector<std::string>{"shadow", path("board.obj"), "--output", path("paint.json")},
+        with(replay, {"--object", path("board.obj"), "--report", path("paint.json")}),
+        with(replay, {"--scene", path("scene.json"), "--save-scene", path("paint.json")})}) {
+    const ProgramResult refused = penumbra(words);
+    EXPECT_EQ(refused.exit_code, 1) << words.front();
+    EXPECT_THAT(refused.err, HasSubstr("paint.json")) << words.front();
+    std::ifstream kept(path("paint.json"));
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(kept), {}), material) << words.front();
+  }
+}
+
 // A recorded session contains its added objects: a replay without options shows the same frames.
 TEST_F(ObjectOption, RecordsObjectsForReplay) {
   const std::string toy = write_obj("toy.obj");
@@ -236,9 +264,13 @@ TEST_F(ObjectOption, RecordsObjectsForReplay) {
   }
   EXPECT_GT(compared, 3);
   EXPECT_EQ(replayed("saved", {"--scene", path("saved.json"), "--no-edits"}), without_options);
-  // A model that moved is named again.
+  // The recording has the model.
   fs::create_directory(path("other"));
   fs::rename(toy, path("other/toy.obj"));
+  EXPECT_EQ(replayed("kept", {}), without_options);
+  for (const auto& file : fs::recursive_directory_iterator(path("session/scene/models"))) {
+    if (file.path().filename() == "toy.obj") fs::remove(file.path());
+  }
   EXPECT_EQ(replayed("named", {"--object", path("other/toy.obj")}), without_options);
   const ProgramResult missing = penumbra({"replay", path("session"), "--no-window"});
   EXPECT_EQ(missing.exit_code, 1);
