@@ -1,5 +1,5 @@
-// What a recording keeps of the session that made it: the scene with every file that it names, the
-// options that change its pictures, and the program's version (docs/files.md#sessions).
+// Keeps in a recording all that is needed to draw its session again: the scene with every file that
+// it names, the options that change images, and the program's version (docs/files.md#sessions).
 #pragma once
 
 #include <filesystem>
@@ -15,7 +15,7 @@
 
 namespace penumbra {
 
-// Options of the command line that change pictures, with their values; a flag's value is "true".
+// Options of the command line that change images, with their values; a flag's value is "true".
 using GivenOptions = std::vector<std::pair<std::string, std::string>>;
 // Names of the options that a recording keeps.
 [[nodiscard]] std::span<const char* const> kept_options();
@@ -26,7 +26,7 @@ struct KeptFile {
   std::filesystem::path to;
 };
 
-// The files of a session's models, each in a folder of its own.
+// Chooses the paths of copied models: a folder for each model.
 class KeptModels {
  public:
   // Returns the path of the copy of a model's file. The first time, adds all files of the model to
@@ -37,7 +37,7 @@ class KeptModels {
   std::map<std::filesystem::path, std::filesystem::path> known_;  // copies by the model's file
 };
 
-// What is written at the start of a recording.
+// Content of the session's files at the start of a recording.
 struct SessionHead {
   std::string scene_file;       // of the session, for people
   std::string scene_text;       // with paths of the copies
