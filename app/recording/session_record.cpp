@@ -247,8 +247,8 @@ Result<std::optional<SessionRecord>> load_session_record(const fs::path& recordi
     }
     PENUMBRA_TRY(const std::string sha256, sha256_of(kept));
     if (sha256 != text_at(entry, "sha256")) {
-      record.warnings.push_back(
-          kept.string() + ": has changed since the session was recorded; images may differ");
+      record.warnings.push_back(kept.string() +
+                                ": has changed since the session was recorded; images may differ");
     }
   }
   return record;
