@@ -39,6 +39,38 @@ class GltfModelFile : public test::ModelCase {
   }
 };
 
+// --- quantised coordinates ---
+
+// KHR_mesh_quantization: positions are integers, scaled by the node.
+TEST_F(GltfModelFile, ReadsQuantisedPositions) {
+  const auto square_of = [](auto side, int component_type, bool normalized, double scale) {
+    using Integer = decltype(side);
+    GltfBuilder file;
+    // The fourth number pads each vertex to a multiple of four bytes.
+    const std::vector<Integer> corners = {0,    0, 0,    0, 0,    0, side, 0,
+                                          side, 0, side, 0, side, 0, 0,    0};
+    const std::size_t view = file.view(corners);
+    file.json["bufferViews"][view]["byteStride"] = 4 * sizeof(Integer);
+    file.json["accessors"].push_back({{"bufferView", view},
+                                      {"componentType", component_type},
+                                      {"count", 4},
+                                      {"type", "VEC3"},
+                                      {"normalized", normalized}});
+    const std::size_t indices =
+        file.accessor(std::vector<std::uint16_t>{0, 1, 2, 0, 2, 3}, "SCALAR");
+    file.json["meshes"].push_back(
+        {{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"indices", indices}}}}});
+    file.json["extensionsUsed"] = file.json["extensionsRequired"] = {"KHR_mesh_quantization"};
+    file.node({{"mesh", 0}, {"scale", {scale, scale, scale}}});
+    return file;
+  };
+  expect_square(square_of(std::int16_t{32767}, 5122, true, 0.1));
+  expect_square(square_of(std::uint16_t{65535}, 5123, true, 0.1));
+  expect_square(square_of(std::uint16_t{1000}, 5123, false, 1e-4));
+  expect_square(square_of(std::int8_t{127}, 5120, true, 0.1));
+  expect_square(square_of(std::uint8_t{200}, 5121, false, 5e-4));
+}
+
 // --- buffers ---
 
 TEST_F(GltfModelFile, ReadsDataUrisOfAnyMediaType) {
