@@ -142,6 +142,7 @@ struct ModelLimits {
   std::size_t max_file_bytes = std::size_t{512} << 20U;
   std::size_t max_vertices = 20'000'000;
   std::size_t max_triangles = 20'000'000;
+  std::size_t max_morph_vectors = 60'000'000;  // displacements and changes of normals and tangents
   std::size_t max_texture_pixels = std::size_t{64} << 20U;
   double max_coordinate_m = 1e6;  // from Model::origin
   std::size_t max_meshes = 4096;  // each is one draw call

@@ -184,6 +184,12 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
     PENUMBRA_TRY(target.positions, read("POSITION"));
     PENUMBRA_TRY(target.normals, read("NORMAL"));
     PENUMBRA_TRY(target.tangents, read("TANGENT"));
+    morph_vectors_ += target.positions.size() + target.normals.size() + target.tangents.size();
+    if (morph_vectors_ > limits_.max_morph_vectors) {
+      return fail(
+          "{}: the morph targets up to here have more than {} vectors; export fewer targets",
+          json_path, limits_.max_morph_vectors);
+    }
     for (const auto& [key, accessor] : from.targets[t]) {
       if (key.starts_with("TEXCOORD_") || key.starts_with("COLOR_")) {
         notes_.add("its texture coordinates and colours are not morphed", json_path);

@@ -114,6 +114,7 @@ class MeshReader {
   Notes& notes_;
   DracoMeshes draco_;
   std::vector<Entry> meshes_;
+  std::size_t morph_vectors_ = 0;  // of all targets read so far
 };
 
 }  // namespace penumbra::gltf

@@ -167,6 +167,20 @@ TEST_F(GltfMorph, RejectsDamageAndReportsField) {
               HasSubstr("from the origin"));
 }
 
+// Targets can share one buffer view, so a small file can have many.
+TEST_F(GltfMorph, LimitsVectorsOfAllTargets) {
+  GltfBuilder file = morphed_square();
+  const nlohmann::json target = file.primitive()["targets"][0];
+  for (int i = 1; i < 5; ++i) file.primitive()["targets"].push_back(target);
+  ModelLoadOptions reading;
+  reading.limits.max_morph_vectors = 20;
+  EXPECT_TRUE(load_model(write("model.gltf", file.gltf()), reading));
+  reading.limits.max_morph_vectors = 19;
+  EXPECT_THAT(
+      error_of(load_model(write("model.gltf", file.gltf()), reading)),
+      testing::AllOf(HasSubstr("primitives/0/targets/4"), HasSubstr("more than 19 vectors")));
+}
+
 TEST_F(GltfMorph, MatchesSizeOfSharedCases) {
   const auto mesh = shared_case("gltf-morph-default-weights/morph_mesh_weights.gltf");
   if (!mesh) GTEST_SKIP() << "no shared data beside the checkout";
