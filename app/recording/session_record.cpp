@@ -105,12 +105,13 @@ fs::path KeptModels::keep(const Model& model, std::vector<KeptFile>& files) {
   const auto [known, is_new] = known_.try_emplace(own);
   if (is_new) {
     const fs::path folder = fs::path("scene") / "models" / std::to_string(known_.size());
-    known->second = folder / own.filename();
+    known->second = folder / as_utf8(own.filename().string());  // events.jsonl is UTF-8
     std::set<fs::path> added;
     for (const fs::path& file : model.files) {
       const fs::path from = normal(file);
-      if (added.insert(from).second)
-        files.push_back({from, folder / from.lexically_relative(own.parent_path())});
+      if (!added.insert(from).second) continue;
+      files.push_back({from, from == own ? known->second
+                                         : folder / from.lexically_relative(own.parent_path())});
     }
   }
   return known->second;

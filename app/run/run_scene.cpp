@@ -7,6 +7,7 @@
 
 #include "app/logging.hpp"
 #include "core/propagate.hpp"
+#include "core/text/text.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
 
 namespace penumbra {
@@ -15,6 +16,10 @@ Result<RunScene> load_run_scene(const RunRequest& request, const TagMap* tags) {
   PENUMBRA_TRY(Scene scene, load_scene(request.scene));
   RunScene loaded;
   for (const ObjectRequest& object : request.objects) {
+    if (request.saved_scene && as_utf8(object.file.string()) != object.file.string()) {
+      return fail("{}: its name is not UTF-8, so --save-scene can't write it; rename the file",
+                  as_utf8(object.file.string()));
+    }
     PENUMBRA_TRY(NewObject added, load_object(object, scene, sheet_area(tags)));
     fmt::print("object: {}: {}\n", object.file.string(), added.description);
     apply(scene, added.edit);

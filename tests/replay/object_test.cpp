@@ -215,6 +215,16 @@ TEST_F(ObjectOption, RefusesOutputsOverFilesThatModelsRead) {
   }
 }
 
+// Scene files are UTF-8. The name is refused before the run and not at its end.
+TEST_F(ObjectOption, RefusesToSaveNameThatIsNotUtf8) {
+  const std::string toy = write_obj("toy\xe9.obj");
+  last_ = penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:1", "--object",
+                    toy, "--save-scene", path("saved.json")});
+  EXPECT_EQ(last_.exit_code, 1);
+  EXPECT_THAT(last_.err, AllOf(HasSubstr("is not UTF-8"), HasSubstr("rename")));
+  EXPECT_FALSE(fs::exists(path("saved.json")));
+}
+
 // A recorded session contains its added objects: a replay without options shows the same frames.
 TEST_F(ObjectOption, RecordsObjectsForReplay) {
   const std::string toy = write_obj("toy.obj");
