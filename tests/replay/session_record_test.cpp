@@ -4,15 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <string>
 #include <vector>
 
-#include "replay/replay_support.hpp"
-#include "support/replay_tracking.hpp"
+#include "replay/live_frames.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -82,24 +80,6 @@ class SessionRecord : public testing::Test {
     EXPECT_EQ(last_.exit_code, 0) << last_.err;
     return contents_of(path(name));
   }
-  // Returns the number of frames of the live session that equal those of a replay; all that both
-  // have must be equal.
-  int equal_frames(const std::map<std::string, std::string>& replayed) {
-    const auto seen = contents_of(path("live"));
-    const auto listed = list_frames(path("session"));
-    if (!listed) return 0;
-    int compared = 0;
-    for (std::size_t i = 0; i < listed->size(); ++i) {
-      const auto age_ns =
-          static_cast<double>((*listed)[i].timestamp_ns - listed->front().timestamp_ns);
-      const auto image = seen.find(fmt::format("{:06}.png", std::lround(age_ns * 1e-8)));
-      if (image == seen.end()) continue;
-      EXPECT_EQ(image->second, replayed.at(fmt::format("{:06}.png", i))) << i;
-      ++compared;
-    }
-    return compared;
-  }
-
   TemporaryFolder folder_;
   ProgramResult last_;
 };
@@ -107,7 +87,7 @@ class SessionRecord : public testing::Test {
 TEST_F(SessionRecord, ShowsFramesOfSessionWhoseFilesAreGone) {
   record({"--shadow", "hard", "--no-video-light"});
   const auto replayed = replay("replayed");
-  EXPECT_GT(equal_frames(replayed), 3);
+  EXPECT_GT(expect_frames_of_live(path("live"), path("live.tum"), path("session"), replayed), 3);
   EXPECT_THAT(last_.err, Not(HasSubstr("session")));
   // Options of the command line come first.
   EXPECT_NE(replay("layered", {"--shadow", "layered"}), replayed);

@@ -1,0 +1,43 @@
+// Compares the frames of a live session with those of its replay.
+#pragma once
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "replay/replay_support.hpp"
+#include "support/replay_tracking.hpp"
+
+namespace penumbra::test {
+
+// Expects that all frames which both have are equal, and returns their number. `live`: images of a
+// session at 10 frames/s, numbered from its first pose in `poses`. `replayed`: contents_of() the
+// images of the replay.
+inline int expect_frames_of_live(const std::filesystem::path& live,
+                                 const std::filesystem::path& poses,
+                                 const std::filesystem::path& recording,
+                                 const std::map<std::string, std::string>& replayed) {
+  const auto seen = contents_of(live);
+  const auto listed = list_frames(recording);
+  const auto trajectory = load_trajectory(poses);
+  if (!listed || !trajectory || trajectory->poses.empty()) {
+    ADD_FAILURE() << "no frames or no poses";
+    return 0;
+  }
+  int compared = 0;
+  for (std::size_t i = 0; i < listed->size(); ++i) {
+    const auto age_ns =
+        static_cast<double>((*listed)[i].timestamp_ns - trajectory->poses.front().timestamp_ns);
+    const auto image = seen.find(fmt::format("{:06}.png", std::lround(age_ns * 1e-8)));
+    if (image == seen.end()) continue;
+    EXPECT_EQ(image->second, replayed.at(fmt::format("{:06}.png", i))) << i;
+    ++compared;
+  }
+  return compared;
+}
+
+}  // namespace penumbra::test
