@@ -358,9 +358,8 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
                           "Draw with a smoothed pose; written poses stay as measured");
 }
 
-void add_scene_option(CLI::App& command, RunRequest& request) {
-  add_option(command, "--scene", "FILE.json", request.scene,
-             "Scene to draw (default: the program's own)");
+void add_scene_option(CLI::App& command, RunRequest& request, const char* description) {
+  add_option(command, "--scene", "FILE.json", request.scene, description);
 }
 
 void add_window_options(CLI::App& command, RunRequest& request) {

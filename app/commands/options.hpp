@@ -152,7 +152,8 @@ void add_output_options(CLI::App& command, OutputRequest& request);
 // folder that live recorded.
 [[nodiscard]] std::string written_files(const OutputRequest& request,
                                         const std::optional<std::filesystem::path>& recording = {});
-void add_scene_option(CLI::App& command, RunRequest& request);
+void add_scene_option(CLI::App& command, RunRequest& request,
+                      const char* description = "Scene to draw (default: the program's own)");
 void add_object_option(CLI::App& command, std::vector<ObjectRequest>& objects);
 // Reads "FILE[,key=value...]". `option`: the option with this value, for error messages.
 [[nodiscard]] ObjectRequest object_from(const std::string& option, const std::string& text);

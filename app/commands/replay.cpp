@@ -106,7 +106,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   ReplayRequest& request = options->request;
 
   add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
-  add_scene_option(command, request);
+  add_scene_option(command, request,
+                   "Scene to draw (default: the recording's, else the program's own)");
   add_object_option(command, request.objects);
   add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
   add_option(command, "--calibration", "camera.yaml", request.camera,

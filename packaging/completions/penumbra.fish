@@ -31,7 +31,7 @@ complete -c penumbra -n '__fish_seen_subcommand_from demo' -l no-window -d 'Offs
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l help -d 'Print this help message and exit'
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l version -d 'Print the version and exit'
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l log-level -r -d 'Lowest level of messages: trace, debug, info, warning, error, off'
-complete -c penumbra -n '__fish_seen_subcommand_from replay' -l scene -r -d 'Scene to draw (default: the program'\''s own)'
+complete -c penumbra -n '__fish_seen_subcommand_from replay' -l scene -r -d 'Scene to draw (default: the recording'\''s, else the program'\''s own)'
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l object -r -d 'Put a model on the table; keys: height, scale, unit, x, y, z, animation'
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l tags -r -d 'Tag map (default: the recording'\''s)'
 complete -c penumbra -n '__fish_seen_subcommand_from replay' -l calibration -r -d 'Camera model (default: the recording'\''s)'
