@@ -222,7 +222,10 @@ Result<std::optional<SessionRecord>> load_session_record(const fs::path& recordi
   if (const auto options = tree.find("options"); options != tree.end()) {
     for (const auto& [option, value] : options->items()) {
       const bool is_known = std::ranges::find(kKeptOptions, option) != kKeptOptions.end();
-      if (!is_known || !value.is_string()) {
+      // No other file than the copy is a kernel file.
+      const bool leaves = option == "--kernels" && value != kKernelsName && value.is_string() &&
+                          value.get<std::string>().find_first_of("./") != std::string::npos;
+      if (!is_known || !value.is_string() || leaves) {
         record.warnings.push_back(fmt::format("{}: options: {} is ignored", name,
                                               without_control_characters(option.substr(0, 200))));
         continue;

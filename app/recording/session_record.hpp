@@ -45,7 +45,8 @@ struct SessionHead {
   KeptModels models;
   GivenOptions options;
 };
-// Reads the scene's file again. `scene`: what load_scene() made of it.
+// `scene`: as load_scene() read it from `scene_file`, perhaps with added objects, which are left
+// out: they are events of the recording.
 [[nodiscard]] Result<SessionHead> session_head(
     const std::filesystem::path& scene_file, const Scene& scene,
     const std::optional<std::filesystem::path>& kernel_file, GivenOptions options);
