@@ -8,11 +8,27 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "replay/replay_support.hpp"
 #include "support/replay_tracking.hpp"
 
 namespace penumbra::test {
+
+// Replays FOLDER/session with the poses of FOLDER/live.tum to FOLDER/NAME; returns the images.
+// `done`: result of the program.
+inline std::map<std::string, std::string> replay_session(const std::filesystem::path& folder,
+                                                         const std::string& name,
+                                                         const std::vector<std::string>& more,
+                                                         ProgramResult& done) {
+  std::vector<std::string> words = {"replay",       folder / "session",  "--no-window",
+                                    "--poses-from", folder / "live.tum", "--output",
+                                    folder / name};
+  words.insert(words.end(), more.begin(), more.end());
+  done = penumbra(words);
+  EXPECT_EQ(done.exit_code, 0) << done.err;
+  return contents_of(folder / name);
+}
 
 // Expects that all frames which both have are equal, and returns their number. `live`: images of a
 // session at 10 frames/s, numbered from its first pose in `poses`. `replayed`: contents_of() the

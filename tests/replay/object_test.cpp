@@ -249,12 +249,7 @@ TEST_F(ObjectOption, RecordsObjectsForReplay) {
                                        path("saved.json")});
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto replayed = [&](const std::string& name, const std::vector<std::string>& more) {
-    std::vector<std::string> words = {"replay",   path("session"), "--poses-from", path("live.tum"),
-                                      "--output", path(name),      "--no-window"};
-    words.insert(words.end(), more.begin(), more.end());
-    last_ = penumbra(words);
-    EXPECT_EQ(last_.exit_code, 0) << last_.err;
-    return contents_of(path(name));
+    return replay_session(folder_.path(), name, more, last_);
   };
   const auto without_options = replayed("without", {});
   EXPECT_GT(expect_frames_of_live(path("live"), path("live.tum"), path("session"), without_options),

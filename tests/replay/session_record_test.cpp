@@ -73,12 +73,7 @@ class SessionRecord : public testing::Test {
   }
   std::map<std::string, std::string> replay(const std::string& name,
                                             const std::vector<std::string>& more = {}) {
-    std::vector<std::string> words = {"replay",   path("session"), "--poses-from", path("live.tum"),
-                                      "--output", path(name),      "--no-window"};
-    words.insert(words.end(), more.begin(), more.end());
-    last_ = penumbra(words);
-    EXPECT_EQ(last_.exit_code, 0) << last_.err;
-    return contents_of(path(name));
+    return replay_session(folder_.path(), name, more, last_);
   }
   TemporaryFolder folder_;
   ProgramResult last_;
@@ -135,10 +130,12 @@ TEST_F(SessionRecord, RefusesPathsThatLeaveTheRecording) {
   EXPECT_THAT(error_with("files", 3), HasSubstr("session.json: files"));
   EXPECT_THAT(error_with("options", {{"--shadow", "round"}}),
               AllOf(HasSubstr("session.json: options"), HasSubstr("--shadow")));
-  session["options"] = {{"--output", "/tmp/x"}, {"--shadow", "simple"}};
+  session["options"] = {
+      {"--output", "/tmp/x"}, {"--kernels", path("other.json")}, {"--shadow", "simple"}};
   write("session/session.json", session.dump());
   replay("other");
-  EXPECT_THAT(last_.err, HasSubstr("session.json: options: --output is ignored"));
+  EXPECT_THAT(last_.err, AllOf(HasSubstr("session.json: options: --output is ignored"),
+                               HasSubstr("session.json: options: --kernels is ignored")));
 }
 
 }  // namespace

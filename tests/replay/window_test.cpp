@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "core/image/image_file.hpp"
-#include "replay/replay_support.hpp"
+#include "replay/live_frames.hpp"
 #include "support/replay_tracking.hpp"
 
 namespace penumbra::test {
@@ -121,13 +121,10 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
                   {}, folder.path());
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto replayed = [&](const char* name, const std::vector<std::string>& more) {
-    std::vector<std::string> words = {"replay",         path("session"),    "--no-window",
-                                      "--scene",        path("scene.json"), "--poses-from",
-                                      path("live.tum"), "--output",         path(name)};
+    std::vector<std::string> words = {"--scene", path("scene.json")};
     words.insert(words.end(), more.begin(), more.end());
-    const ProgramResult result = penumbra(words);
-    EXPECT_EQ(result.exit_code, 0) << result.err;
-    return contents_of(folder.path() / name);
+    ProgramResult done;
+    return replay_session(folder.path(), name, words, done);
   };
   const auto seen = contents_of(folder.path() / "live");
   const auto edited = replayed("edited", {});
