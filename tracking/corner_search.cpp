@@ -42,10 +42,12 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
   bool seen_twice = false;
   int unknown_tags = 0;
   for (const TagDetection& detection : detections) {
-    const MappedTag* tag = map_.find(detection.family, detection.id);
-    if (tag == nullptr) ++unknown_tags;
+    if (map_.find(detection.family, detection.id) == nullptr) ++unknown_tags;
+    const auto tag = std::ranges::find_if(group.tags, [&detection](const MappedTag& own) {
+      return own.family == detection.family && own.id == detection.id;
+    });
     // Skips other groups, which may have moved.
-    if (tag == nullptr || tag->group != kTableGroup) continue;
+    if (tag == group.tags.end()) continue;
     const auto same = [&](const TagDetection& other) {
       return other.family == detection.family && other.id == detection.id;
     };
@@ -53,10 +55,7 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
       seen_twice = true;  // it is unknown which detection is the tag in the map
       continue;
     }
-    const auto known = std::ranges::find_if(group.tags, [tag](const MappedTag& own) {
-      return own.family == tag->family && own.id == tag->id;
-    });
-    const auto index = static_cast<int>(known - group.tags.begin());
+    const auto index = static_cast<int>(tag - group.tags.begin());
     observations_.push_back({index, tag->corners(), detection.corners_px});
   }
   Result<BoardPose> board = estimate_board_pose(group.camera, observations_);

@@ -47,7 +47,6 @@ Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
                                                           tag.T_table_tag.translation());
     const auto T_middle_tag = T_middle_group * T_group_tag;
     copy.T_table_tag = {T_middle_tag.rotation(), T_middle_tag.translation()};
-    copy.group = kTableGroup;
   }
   return TagMap::make(std::move(own));
 }
@@ -56,7 +55,7 @@ Result<RigidTagTracker> tracker_of_group(const CameraModel& camera, const TagMap
                                          const std::string& group, const TrackerOptions& options,
                                          std::shared_ptr<TagSearch> search) {
   PENUMBRA_TRY(const TagMap own, map_of_group(tags, group));
-  return RigidTagTracker::create(camera, own, options, std::move(search));
+  return RigidTagTracker::create(camera, own, group, options, std::move(search));
 }
 
 }  // namespace
@@ -251,7 +250,7 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   PENUMBRA_TRY(TagSearch made, TagSearch::create(families, tone_curve));
   const auto search = std::make_shared<TagSearch>(std::move(made));
   PENUMBRA_TRY(RigidTagTracker table_tracker,
-               RigidTagTracker::create(camera, tags, options, search));
+               RigidTagTracker::create(camera, tags, kTableGroup, options, search));
   std::vector<Impl::Group> groups;
   for (const std::string& name : names) {
     Result<RigidTagTracker> tracker = tracker_of_group(camera, tags, name, options, search);
@@ -309,7 +308,7 @@ Result<void> GroupTracker::set_map(const CameraModel& camera, const TagMap& tags
   Impl& m = *impl_;
   const bool is_other_camera =
       camera.parameters().rolling_shutter_row_s != m.camera.parameters().rolling_shutter_row_s;
-  PENUMBRA_TRY(auto table, RigidTagTracker::create(camera, tags, m.options, m.search));
+  PENUMBRA_TRY(auto table, RigidTagTracker::create(camera, tags, kTableGroup, m.options, m.search));
   std::vector<RigidTagTracker> trackers;
   for (const Impl::Group& group : m.groups) {
     if (!is_other_camera) break;

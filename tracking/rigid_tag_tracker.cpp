@@ -408,18 +408,19 @@ RigidTagTracker& RigidTagTracker::operator=(RigidTagTracker&&) noexcept = defaul
 RigidTagTracker::~RigidTagTracker() = default;
 
 Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,
+                                                std::string_view group,
                                                 const TrackerOptions& options,
                                                 std::shared_ptr<TagSearch> search) {
   PENUMBRA_ASSERT(search != nullptr);
   if (!(options.hold_s >= 0.0) || !std::isfinite(options.pose_budget_px) ||
       options.pose_budget_px < 0.0)
     return fail("tracker options: every limit must be a positive number");
-  RigidTags group{camera, {}};
+  RigidTags rigid{camera, {}};
   for (const MappedTag& tag : tags.tags()) {
-    if (tag.group == kTableGroup) group.tags.push_back(tag);
+    if (tag.group == group) rigid.tags.push_back(tag);
   }
-  PENUMBRA_ASSERT(!group.tags.empty());
-  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, group.tags));
+  PENUMBRA_ASSERT(!rigid.tags.empty());
+  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, rigid.tags));
   if (options.pose_budget_px > 0.0) {
     aligner.set_sample_need(
         [camera, budget_px = options.pose_budget_px](const AlignmentResult& result) {
@@ -427,7 +428,7 @@ Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const
         });
   }
   return RigidTagTracker(std::make_unique<Impl>(
-      Impl{std::move(group), options, std::move(aligner), CornerSearch(tags, std::move(search))}));
+      Impl{std::move(rigid), options, std::move(aligner), CornerSearch(tags, std::move(search))}));
 }
 
 TrackedTags RigidTagTracker::track(const Frame& frame, const TrackRequest& request) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string_view>
 
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
@@ -33,9 +34,10 @@ struct TrackedTags {
 
 class RigidTagTracker {
  public:
-  // Tracks the tags of the map's group `kTableGroup`, which must have a tag. Trackers of one camera
-  // share the search of a frame.
+  // Tracks the tags of one group of the map, which must have a tag. Trackers of one camera share
+  // the search of a frame.
   [[nodiscard]] static Result<RigidTagTracker> create(const CameraModel& camera, const TagMap& tags,
+                                                      std::string_view group,
                                                       const TrackerOptions& options,
                                                       std::shared_ptr<TagSearch> search);
   RigidTagTracker(RigidTagTracker&&) noexcept;

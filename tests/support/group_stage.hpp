@@ -57,8 +57,7 @@ inline std::vector<MappedTag> block() {
   return tags;
 }
 
-// Rigid motion of a group from its pose in the tag map, in the table frame.
-using Placement = Transform<frame::Table, frame::Table>;
+using Placement = GroupPose;
 using Placements = std::map<std::string, Placement>;
 inline Placement shifted(double x, double y, double z) {
   return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, y, z)};
@@ -106,10 +105,9 @@ class Stage {
   // Overlay error of a cube at the group's centre [px].
   [[nodiscard]] double error_px(const TrackedFrame& tracked, const GroupEstimate& group, int frame,
                                 const Placement& placement = {}) const {
-    const GroupPose T_table_group(placement.rotation(), placement.translation());
     const auto drawn =
         (group.T_table_group * group.T_group_middle).inverse() * tracked.pose.T_table_camera;
-    const auto truth_pose = (T_table_group * group.T_group_middle).inverse() * truth(frame);
+    const auto truth_pose = (placement * group.T_group_middle).inverse() * truth(frame);
     return overlay_difference(camera, CameraPose(drawn.rotation(), drawn.translation()),
                               CameraPose(truth_pose.rotation(), truth_pose.translation()))
         .rms_px();

@@ -346,8 +346,10 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       for (const GroupPlacement& placement : placements) {
         if (placement.group != sheet.group) continue;
         PENUMBRA_ASSERT(placement.path.empty() || placement.path.size() == path.size());
+        const Transform<frame::Group, frame::Tag> T_group_tag(sheet.T_table_tag.rotation(),
+                                                              sheet.T_table_tag.translation());
         T_table_tag =
-            (placement.path.empty() ? placement.T_table_group : placement.path[time]) * T_table_tag;
+            (placement.path.empty() ? placement.T_table_group : placement.path[time]) * T_group_tag;
       }
       views.push_back(impl_->view_of(sheet, path[time], T_table_tag, reach_px + 2.0));
       if (const auto& view = views.back()) {

@@ -11,6 +11,7 @@
 
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
+#include "core/geometry/group_pose.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/transform.hpp"
 #include "core/image/image_view.hpp"
@@ -46,12 +47,12 @@ struct PatternRenderOptions {
 // Adds white noise to the colours of RGBA8, not to alpha. Reproducible on every machine.
 void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed);
 
-// Motion of a rigid group of tags relative to its pose in the tag map.
+// Pose of a rigid group of tags.
 struct GroupPlacement {
   std::string group;
-  Transform<frame::Table, frame::Table> T_table_group;
+  GroupPose T_table_group;
   // T_table_group at each pose of the camera's path during the exposure; empty: constant.
-  std::vector<Transform<frame::Table, frame::Table>> path = {};
+  std::vector<GroupPose> path = {};
 };
 
 class PatternRenderer {
