@@ -137,7 +137,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
   graph.shift_is_free = false;
   PENUMBRA_TRY_VOID(chain(graph, input, anchor, without));
   const TagGraph without_shift = graph;
-  graph.shift_is_free = options.edge_shift;
+  graph.shift_is_free = true;
   const auto adjust = [&] {
     for (int round = 0; round < 4; ++round) {
       if (!graph.adjust(round == 0)) return false;

@@ -36,8 +36,6 @@ struct SurveyOptions {
   int anchor = 0;
   SurveyPlane plane = SurveyPlane::fitted;
   int max_frames = 150;  // uses every n-th frame if there are more
-  // Solves for one outward edge shift (camera response, blur) of all tags without MeasuredTag.
-  bool edge_shift = true;
   // Solves for the lens as well. The given lens remains if the refined one is not clearly better
   // (is_better_lens()).
   bool refine_camera = false;
@@ -70,8 +68,9 @@ struct TagSurvey {
   int frames_used = 0;
   // T_table_camera of each given frame; nullopt if unused.
   std::vector<std::optional<CameraPose>> cameras;
-  double rms_px = 0.0;                // 2-D reprojection error of the corners
-  double edge_shift_px = 0.0;         // solved shift (SurveyOptions::edge_shift)
+  double rms_px = 0.0;  // 2-D reprojection error of the corners
+  // Solved outward edge shift (camera response, blur) of all tags without MeasuredTag.
+  double edge_shift_px = 0.0;
   double covariance_inflation = 1.0;  // factor for correlated errors of neighbouring frames
   int tags_on_plane = 0;              // tags in the plane z = 0
   double flatness_m = 0.0;            // RMS height of the centres of these tags

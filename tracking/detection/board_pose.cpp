@@ -216,7 +216,7 @@ double BoardPose::ambiguity_ratio() const {
 bool BoardPose::is_ambiguous(double ratio) const {
   if (!second) return false;
   // Does not trust a fit better than the noise floor.
-  const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
+  const double floor_px = std::sqrt(2.0) * kCornerNoiseFloor_px;
   if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
   // One tag has 8 equations for 6 unknowns, so a wrong pose may fit it perfectly. The second pose
   // is wrong if its log-likelihood is lower by 18 / 2, for noise of 0.3 px per axis (wrong for 1 in

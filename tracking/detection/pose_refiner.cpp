@@ -281,7 +281,7 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   // Variance per axis, plus 1 sigma of its uncertainty: chi-square with `freedom` degrees of
   // freedom has a relative sigma of sqrt(2 / freedom).
   const double freedom = std::max(2.0 * count - 6.0, 1.0);
-  const double floor2 = options.noise_floor_px * options.noise_floor_px;
+  constexpr double floor2 = kCornerNoiseFloor_px * kCornerNoiseFloor_px;
   const double variance =
       std::max(weighted_sum / freedom, floor2) * (1.0 + std::sqrt(2.0 / freedom));
   result.noise_px = std::sqrt(variance);

@@ -48,11 +48,12 @@ template <class To, class From>
                                                                 const MapFromCamera& T_map_camera,
                                                                 const Eigen::Vector3d& p_map);
 
+// Minimum error of a corner per axis [px], because residuals don't include all errors of lens model
+// and camera response.
+inline constexpr double kCornerNoiseFloor_px = 0.15;
+
 struct RefinerOptions {
   double robust_scale_px = 1.0;  // Huber: larger errors have linear loss
-  // Minimum error of a corner per axis [px], because residuals don't include all errors of lens
-  // model and camera response.
-  double noise_floor_px = 0.15;
   int max_iterations = 50;
   // Uses ceres::Solve, which agrees within some 0.001 px and takes 20 times as long.
   bool by_ceres = false;

@@ -11,6 +11,8 @@
 #include <cerrno>
 #include <utility>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -37,9 +39,7 @@ tl::expected<BufferMemory, int> BufferMemory::map(int descriptor, std::size_t le
   static std::atomic<std::uint64_t> last_number{0};
   BufferMemory memory;
   memory.descriptor_ = descriptor;
-  const auto bytes = map_bytes(descriptor, length, 0);
-  if (!bytes) return tl::unexpected(bytes.error());
-  memory.bytes_ = *bytes;
+  PENUMBRA_TRY(memory.bytes_, map_bytes(descriptor, length, 0));
   memory.number_ = ++last_number;
   return memory;
 }
@@ -62,11 +62,9 @@ tl::expected<BufferMemory, int> BufferMemory::map(const V4l2Device& device, unsi
       if (auto memory = map(requested.fd, about.length)) return memory;
     }
   }
-  const auto bytes =
-      map_bytes(device.descriptor(), about.length, static_cast<off_t>(about.m.offset));
-  if (!bytes) return tl::unexpected(bytes.error());
   BufferMemory memory;
-  memory.bytes_ = *bytes;
+  PENUMBRA_TRY(memory.bytes_,
+               map_bytes(device.descriptor(), about.length, static_cast<off_t>(about.m.offset)));
   return memory;
 }
 

@@ -65,7 +65,6 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
                      return a.second < b.second;
                    })->first;
   options.max_frames = static_cast<int>(footage.frames.size());
-  options.edge_shift = false;
   options.plane = SurveyPlane::anchor;
   const auto survey = survey_tags(footage.camera, seen, options);
   if (!survey) return tl::unexpected(survey.error());

@@ -412,16 +412,5 @@ TEST_F(TagSurveyTest, WritesOnlyCurvaturesThatCanBeRead) {
   }
 }
 
-TEST_F(TagSurveyTest, OmitsEdgeShiftWhenDisabled) {
-  options_.edge_shift = false;
-  const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
-  ASSERT_TRUE(survey) << survey.error().message;
-  EXPECT_EQ(survey->edge_shift_px, 0.0);
-  EXPECT_NEAR(pitch(*survey), 0.08, 1e-6);
-  const auto shifted = survey_tags(camera_, sweep(camera_, board_, 0.2), options_);
-  ASSERT_TRUE(shifted) << shifted.error().message;
-  EXPECT_EQ(shifted->edge_shift_px, 0.0);
-}
-
 }  // namespace
 }  // namespace penumbra

@@ -59,7 +59,7 @@ TEST_P(PoseRefinerLens, RecoversExactPoseFromExactCorners) {
     ASSERT_TRUE(refined);
     EXPECT_LT(perturbation_between(as_map_pose(truth), refined->T_map_camera).norm(), 1e-7);
     EXPECT_LT(refined->rms_px, 1e-6);
-    EXPECT_GE(refined->noise_px, RefinerOptions().noise_floor_px);
+    EXPECT_GE(refined->noise_px, kCornerNoiseFloor_px);
   }
 }
 
@@ -202,7 +202,7 @@ TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
       double cost = 0.0;
       ASSERT_TRUE(problem.Evaluate({}, &cost, nullptr, nullptr, nullptr));
       const double freedom = 2.0 * static_cast<double>(points.size()) - 6.0;
-      const double variance = std::max(2.0 * cost / freedom, std::pow(options.noise_floor_px, 2));
+      const double variance = std::max(2.0 * cost / freedom, std::pow(kCornerNoiseFloor_px, 2));
       const Matrix6d expected = variance * (1.0 + std::sqrt(2.0 / freedom)) * of_ceres;
       // Compares each entry in units of the standard deviations of its two parameters.
       const Vector6d sigma = expected.diagonal().cwiseSqrt();
