@@ -1,4 +1,4 @@
-// Request fields that live, replay and demo share: tracking, drawing, window and outputs.
+// Request fields that live, replay, demo and study share, and those that all but study share.
 #pragma once
 
 #include <filesystem>
@@ -15,15 +15,19 @@
 
 namespace penumbra {
 
-struct RunRequest : OutputRequest, SessionOptions {
+struct SessionRequest {
+  TrackerOptions tracking;
+  bool window = true;  // opens a window if there is a display
+};
+
+// Drawing, window and outputs of live, replay and demo.
+struct RunRequest : SessionRequest, OutputRequest, SessionOptions {
   RunRequest() { video_light = true; }
   std::filesystem::path scene;
   std::vector<ObjectRequest> objects;  // added to the scene
   // Kernels for the casters with the file's number of vertices.
   std::optional<std::filesystem::path> kernel_file;
-  TrackerOptions tracking;
   bool refine_map = false;  // refines tag map and row time while tracking (MapRefinement)
-  bool window = true;       // opens a window if there is a display
   ViewerOptions viewer;
   // 1: stages run one after another; more: stages run in parallel, with the same results.
   int threads = 2;

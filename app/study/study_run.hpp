@@ -7,14 +7,15 @@
 #include <vector>
 
 #include "app/live/live_camera.hpp"
+#include "app/run/run_request.hpp"
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "core/error.hpp"
-#include "tracking/tracker_options.hpp"
 
 namespace penumbra {
 
-struct StudyRequest {
+// `window`: a person needs one.
+struct StudyRequest : SessionRequest {
   StudyDesign design;
   std::filesystem::path results;
   bool resume = false;
@@ -25,8 +26,6 @@ struct StudyRequest {
   std::optional<std::filesystem::path> tags;  // replaces the recording's; a camera needs it
   std::optional<std::string> poses_from;      // for a recording: "groundtruth" or a TUM file
   CameraRequest camera;
-  TrackerOptions tracking;
-  bool window = true;  // opens a window if there is a display; a person needs one
 };
 
 struct StudyReport {
