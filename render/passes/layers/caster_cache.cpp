@@ -50,16 +50,18 @@ std::vector<double> largest_magnifications(const Scene& scene) {
 }
 
 // Returns times at which to compare placements: keys, times between keys, and steps of a spin.
-std::set<double> sample_times(const Scene& scene) {
-  constexpr std::size_t kMaxKeys = 32;  // maximum number of sampled keys per object
+// Returns nullopt if there are too many.
+std::optional<std::set<double>> sample_times(const Scene& scene) {
+  constexpr std::size_t kMaxTimes = 20'000;
   constexpr int kSpinSteps = 8;
   std::set<double> times = {0.0};
   for (const SceneObject& object : scene.objects) {
     const std::vector<Keyframe>& keys = object.animation.keyframes;
-    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMaxKeys) {
+    for (std::size_t i = 0; i < keys.size(); ++i) {
       times.insert(keys[i].time_s);
       if (i > 0) times.insert(0.5 * (keys[i].time_s + keys[i - 1].time_s));
     }
+    if (times.size() > kMaxTimes) return std::nullopt;
     const double rate = std::abs(object.animation.spin_turns_per_s);
     for (int i = 1; rate > 0.0 && i < kSpinSteps; ++i) times.insert(i / (kSpinSteps * rate));
   }
@@ -100,7 +102,9 @@ std::vector<bool> steady_casters(const Scene& scene) {
       steady[static_cast<std::size_t>(caster)] = false;
   }
   const SceneState start = evaluate_scene(scene, 0.0);
-  for (const double time : sample_times(scene)) {
+  const std::optional<std::set<double>> times = sample_times(scene);
+  if (!times) return std::vector<bool>(scene.objects.size(), false);
+  for (const double time : *times) {
     const SceneState state = evaluate_scene(scene, time);
     for (const auto& [caster, plane] : shadows) {
       const auto tilt = [&up = plane_at(plane).normal](const Placement& placement) {

@@ -468,6 +468,14 @@ TEST_F(AnimatedLayers, AreFieldsWhereKernelsDoNotSuit) {
   tilting.scene().objects[0].animation.spin_axis = Eigen::Vector3d::UnitX();
   tilting.scene().objects[0].animation.spin_turns_per_s = 0.2;
   EXPECT_TRUE(is_field(tilting));
+  // Only one of many keyframes is tilted.
+  test::SceneBuilder nodding = scene_with(models::make_figure(), ShadowTechnique::layered);
+  for (int i = 0; i < 100; ++i) {
+    const double tilt = i == 57 ? 0.4 : 0.0;
+    nodding.scene().objects[0].animation.keyframes.push_back(
+        {0.1 * i, test::at(0.0, 0.0, 0.1, {1, 0, 0}, tilt)});
+  }
+  EXPECT_TRUE(is_field(nodding));
   // COCL is far from the shadow of a figure.
   test::SceneBuilder cocl = scene_with(models::make_figure(), ShadowTechnique::layered);
   cocl.scene().shadows[0].kernels = KernelSource::centroid;
