@@ -70,7 +70,7 @@ Result<fs::path> path_inside(const fs::path& recording, const std::string& text,
   const bool leaves = std::ranges::find(path, fs::path("..")) != path.end();
   if (text.empty() || path.is_absolute() || leaves || text.find('\0') != std::string::npos) {
     return fail("{}: \"{}\" is not a file inside the recording; record the session again", where,
-                without_control_characters(text.substr(0, 200)));
+                without_control_characters(shortened(text, 200)));
   }
   return recording / path;
 }
@@ -227,7 +227,7 @@ Result<std::optional<SessionRecord>> load_session_record(const fs::path& recordi
                           value.get<std::string>().find_first_of("./") != std::string::npos;
       if (!is_known || !value.is_string() || leaves) {
         record.warnings.push_back(fmt::format("{}: options: {} is ignored", name,
-                                              without_control_characters(option.substr(0, 200))));
+                                              without_control_characters(shortened(option, 200))));
         continue;
       }
       auto text_value = value.get<std::string>();

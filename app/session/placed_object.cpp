@@ -118,14 +118,7 @@ Eigen::Vector2d free_place(const Eigen::Vector2d& size,
 }
 
 std::string name_of(const std::filesystem::path& file) {
-  std::string name = file.stem().string();
-  if (name.size() > kMaxNameBytes) {
-    std::size_t end = kMaxNameBytes;
-    // Not inside a character of several bytes.
-    while (end > 0 && (static_cast<unsigned char>(name[end]) & 0xC0U) == 0x80U) --end;
-    name.resize(end);
-  }
-  return name;
+  return std::string(first_characters(file.stem().string(), kMaxNameBytes));
 }
 
 // A model that is not animated, or the shape at time 0 with its playback.

@@ -281,6 +281,22 @@ std::string joined(std::span<const int> values) {
   return joined(numbers, "{:.0f}");
 }
 
+std::string_view first_characters(std::string_view text, std::size_t max_bytes) {
+  if (text.size() <= max_bytes) return text;
+  std::size_t end = max_bytes;
+  const auto continues = [](char byte) {
+    return (static_cast<unsigned char>(byte) & 0xC0U) == 0x80U;
+  };
+  while (end > 0 && continues(text[end])) --end;
+  return text.substr(0, end);
+}
+
+std::string shortened(std::string_view text, std::size_t max_bytes) {
+  constexpr std::string_view kMark = "...";
+  if (text.size() <= max_bytes) return std::string(text);
+  return fmt::format("{}{}", first_characters(text, max_bytes - kMark.size()), kMark);
+}
+
 std::string in_markup(std::string_view text) {
   std::string out;
   for (const char c : text) {

@@ -49,6 +49,11 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] std::string joined(std::span<const double> values, std::string_view format = "{}");
 [[nodiscard]] std::string joined(std::span<const int> values);
 
+// Returns at most `max_bytes` from the beginning of a text, in whole UTF-8 characters.
+[[nodiscard]] std::string_view first_characters(std::string_view text, std::size_t max_bytes);
+// Returns the beginning of a long text and "...", or a short text unchanged, for messages.
+[[nodiscard]] std::string shortened(std::string_view text, std::size_t max_bytes = 60);
+
 // Escapes text for HTML and SVG elements and attributes.
 [[nodiscard]] std::string in_markup(std::string_view text);
 // Returns a double-quoted YAML string.

@@ -15,7 +15,7 @@ namespace {
 // Returns the node's text for a message, truncated to 40 characters.
 std::string shown(const YAML::Node& node) {
   if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
-  return fmt::format("'{}'", node.Scalar().substr(0, 40));
+  return fmt::format("'{}'", shortened(node.Scalar(), 40));
 }
 
 // Rejects what yaml-cpp accepts: duplicate keys of a map (yaml-cpp uses the first), recursive

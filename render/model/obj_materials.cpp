@@ -238,7 +238,7 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
   if (text->find('\0') != std::string_view::npos) return ignore(file->string() + ": is not text");
   if (leaves_folder(name)) {
     warnings_.push_back(fmt::format("{}: line {}: \"{}\" is outside the model's folder; {} is used",
-                                    model_name_, line, as_utf8(name.substr(0, 200)),
+                                    model_name_, line, as_utf8(shortened(name, 200)),
                                     file->string()));
   }
   read_text(*text, file->string());
@@ -293,7 +293,7 @@ void ObjMaterials::load_image(Model& model, ObjMaterial& from) {
     if (added && leaves_folder(name)) {
       warnings_.push_back(fmt::format(
           "{}: material \"{}\": \"{}\" is outside the model's folder; {} is used", model_name_,
-          from.material.name, as_utf8(name.substr(0, 200)), file.string()));
+          from.material.name, as_utf8(shortened(name, 200)), file.string()));
     }
     return added;
   };

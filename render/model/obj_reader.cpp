@@ -116,10 +116,10 @@ Result<void> ObjReader::read_position(const std::vector<std::string_view>& words
       return fail(
           "\"{}\" has a decimal comma; export the model with decimal points, or replace the "
           "decimal commas by points",
-          words[i].substr(0, 40));
+          shortened(words[i], 40));
     }
     if (!value) {
-      return fail("\"{}\" is not a finite number; export the model again", words[i].substr(0, 40));
+      return fail("\"{}\" is not a finite number; export the model again", shortened(words[i], 40));
     }
     if (std::abs(*value) > kMaxFileCoordinate) {
       return fail("{} is over the {} allowed; move the model to the origin", *value,
@@ -175,7 +175,7 @@ void ObjReader::read_normal(const std::vector<std::string_view>& words) {
 // to later lines, so check_indices() validates them.
 Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
   const auto wrong = [&] {
-    return fail("\"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", word.substr(0, 40));
+    return fail("\"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", shortened(word, 40));
   };
   const std::array<std::size_t, 3> known = {obj_.positions.size(), obj_.texcoords.size(),
                                             obj_.normals.size()};
@@ -367,7 +367,7 @@ std::vector<int> ObjReader::find_materials() {
     model_.warnings.push_back(fmt::format(
         "{}: material \"{}\"{} is in no material file of the model; its faces are drawn in plain "
         "grey",
-        name_, as_utf8(unknown.substr(0, 60)),
+        name_, as_utf8(shortened(unknown, 60)),
         unknown_count > 1 ? fmt::format(" (one of {})", unknown_count) : ""));
   }
   return found;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "core/text/text.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -53,12 +55,12 @@ Result<void> check_groups(const Model& model, std::span<const std::string> group
     for (const ModelNode& node : model.nodes) {
       const std::string& name = node.name.empty() ? node.mesh : node.name;
       if (!name.empty() && std::ranges::find(names, name) == names.end()) {
-        names.push_back(names.size() < kMaxNames ? name.substr(0, 60) : "...");
+        names.push_back(names.size() < kMaxNames ? shortened(name, 60) : "...");
       }
       if (names.size() > kMaxNames) break;
     }
     return fail("group \"{}\": the model \"{}\" has no such node, mesh or object; {}",
-                group.substr(0, 60), model.name,
+                shortened(group, 60), model.name,
                 names.empty() ? "it names none: give all"
                               : fmt::format("there are: all, {}", fmt::join(names, ", ")));
   }

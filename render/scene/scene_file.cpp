@@ -12,6 +12,7 @@
 #include <set>
 
 #include "core/propagate.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "render/model/model_size.hpp"
 #include "render/model/part_groups.hpp"

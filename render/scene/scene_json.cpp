@@ -188,10 +188,6 @@ std::string without_tag(std::string_view text) {
 
 }  // namespace
 
-std::string shortened(const std::string& text) {
-  return text.size() <= 60 ? text : text.substr(0, 57) + "...";
-}
-
 std::string suggestion(std::string_view word, const std::vector<std::string>& known) {
   const std::string_view start = word.substr(0, 64);
   const std::string* nearest = nullptr;
@@ -207,7 +203,7 @@ std::string suggestion(std::string_view word, const std::vector<std::string>& kn
   if (known.empty()) return "there are none";
   std::vector<std::string> shown(known.begin(),
                                  known.begin() + std::min<std::ptrdiff_t>(20, std::ssize(known)));
-  std::ranges::transform(shown, shown.begin(), shortened);
+  for (std::string& name : shown) name = shortened(name);
   return fmt::format("known are {}", fmt::join(shown, ", "));
 }
 

@@ -21,8 +21,6 @@ namespace penumbra {
 // Checks a scene against the schema, with the same messages. `name`: the file, for messages.
 [[nodiscard]] Result<void> check_scene_json(const std::string& name, const nlohmann::json& root);
 
-// Returns the beginning of a long text, or a short text unchanged, for messages.
-[[nodiscard]] std::string shortened(const std::string& text);
 // Returns "did you mean X?" if a known word is similar, else a list of the known words.
 [[nodiscard]] std::string suggestion(std::string_view word, const std::vector<std::string>& known);
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/propagate.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra::gltf {
 namespace {
@@ -20,7 +21,7 @@ std::string list_of(const std::vector<AnimationSource>& animations) {
   for (std::size_t i = 0; i < std::min(animations.size(), kMaxListed); ++i) {
     list += fmt::format("{}{}", i > 0 ? ", " : "", i);
     const std::string& name = animations[i].name;
-    if (!name.empty()) list += fmt::format(" \"{}\"", name.substr(0, 60));
+    if (!name.empty()) list += fmt::format(" \"{}\"", shortened(name, 60));
   }
   return animations.size() > kMaxListed ? list + ", ..." : list;
 }
@@ -94,7 +95,7 @@ Result<std::vector<std::size_t>> Animations::find(const std::string& chosen) con
   const auto [stop, error] = std::from_chars(chosen.data(), end, index);
   if (!chosen.empty() && error == std::errc() && stop == end && index < animations.size())
     return std::vector{index};
-  return fail("has no animation \"{}\"; give one of {}, or all", chosen.substr(0, 60),
+  return fail("has no animation \"{}\"; give one of {}, or all", shortened(chosen, 60),
               list_of(animations));
 }
 
@@ -192,7 +193,7 @@ Result<Curve> Animations::read_curve(const AnimationSource& from, int sampler, P
                                        &std::pair<std::string_view, Interpolation>::first);
   if (known == kInterpolations.end()) {
     return fail("{}/interpolation: \"{}\" is none of STEP, LINEAR and CUBICSPLINE", json_path,
-                source.interpolation.substr(0, 40));
+                shortened(source.interpolation, 40));
   }
   Curve curve;
   curve.interpolation = known->second;

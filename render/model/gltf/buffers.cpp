@@ -83,7 +83,7 @@ std::string percent_decoded(std::string_view text) {
 Result<std::vector<std::uint8_t>> decode_data_uri(std::string_view uri) {
   const std::size_t comma = uri.find(',');
   if (comma == std::string_view::npos) {
-    return fail("\"{}\": is a data URI without data; export the model again", uri.substr(0, 40));
+    return fail("\"{}\": is a data URI without data; export the model again", shortened(uri, 40));
   }
   // data:[media type][;parameter]...[;base64],
   const std::string_view head = uri.substr(0, comma);
@@ -159,7 +159,7 @@ Result<std::vector<std::uint8_t>> Buffers::fetch(std::string_view uri) {
   files_.push_back(*file);
   if (leaves_folder(percent_decoded(uri))) {
     warnings_.push_back(fmt::format("\"{}\" is outside the model's folder; {} is used",
-                                    uri.substr(0, 200), file->string()));
+                                    shortened(uri, 200), file->string()));
   }
   return read;
 }

@@ -51,7 +51,7 @@ struct PathStep {
   std::size_t index = 0;  // element of a list, if the key is empty
 
   [[nodiscard]] std::string text() const {
-    const std::string step = key.empty() ? std::to_string(index) : std::string(key.substr(0, 80));
+    const std::string step = key.empty() ? std::to_string(index) : shortened(key, 80);
     return parent == nullptr ? step : parent->text() + "/" + step;
   }
 };
@@ -91,7 +91,7 @@ constexpr FieldType kIndexMap{"an object of whole numbers from 0 on",
 
 std::string quoted(const Json& value) {
   const std::string text = value.dump(-1, ' ', true, Json::error_handler_t::replace);
-  return text.size() > 40 ? text.substr(0, 40) + "..." : text;
+  return shortened(text, 43);
 }
 
 class FieldChecker {

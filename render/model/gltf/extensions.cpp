@@ -4,6 +4,8 @@
 #include <array>
 #include <string_view>
 
+#include "core/text/text.hpp"
+
 namespace penumbra::gltf {
 namespace {
 
@@ -19,7 +21,7 @@ struct KnownExtension {
 constexpr std::string_view kBaseMaterials = "materials are drawn by their base properties";
 constexpr std::string_view kPlainTextures = "textures are drawn without it";
 constexpr std::string_view kNoLights = "its lights are not used";
-constexpr std::string_view kRestPose = "the rest pose is shown";
+constexpr std::string_view kNotAnimated = "what only it animates keeps its value";
 constexpr std::array kKnown{
     KnownExtension{"KHR_mesh_quantization", Effect::read},
     KnownExtension{kInstancing, Effect::read},
@@ -46,7 +48,7 @@ constexpr std::array kKnown{
     KnownExtension{"GOOGLE_texture_basis", Effect::texture, kPlainTextures},
     // Metadata, levels of detail, audio and behaviour.
     KnownExtension{"KHR_xmp", Effect::none},
-    KnownExtension{"KHR_animation_pointer", Effect::ignored, kRestPose},
+    KnownExtension{"KHR_animation_pointer", Effect::ignored, kNotAnimated},
     KnownExtension{"KHR_audio", Effect::none},
     KnownExtension{"KHR_interactivity", Effect::none},
     KnownExtension{"KHR_node_hoverability", Effect::none},
@@ -58,7 +60,7 @@ constexpr std::array kKnown{
     KnownExtension{"EXT_structural_metadata", Effect::none},
     KnownExtension{"EXT_feature_metadata", Effect::none},
     KnownExtension{"EXT_mesh_manifold", Effect::none},
-    KnownExtension{"EXT_property_animation", Effect::ignored, kRestPose},
+    KnownExtension{"EXT_property_animation", Effect::ignored, kNotAnimated},
     KnownExtension{"CESIUM_primitive_outline", Effect::ignored, "outlines are not drawn"},
     KnownExtension{"MSFT_lod", Effect::ignored, "the finest level of detail is shown"},
     KnownExtension{"AGI_", Effect::none},
@@ -87,7 +89,7 @@ Result<void> check_required(const Document& document) {
     const Effect effect = known_extension(extension).effect;
     if (effect == Effect::unknown) {
       return fail("needs the glTF extension {}, which can't be read; export without it",
-                  extension.substr(0, 80));
+                  shortened(extension, 80));
     }
   }
   return {};
@@ -109,21 +111,21 @@ std::vector<std::string> ignored_content(const Document& document, bool posed) {
   }
   if (const auto& scenes = document.model.scenes; scenes.size() > 1) {
     const auto shown = static_cast<std::size_t>(std::max(document.model.defaultScene, 0));
-    const std::string scene = shown < scenes.size() ? scenes[shown].name.substr(0, 60) : "";
+    const std::string scene = shown < scenes.size() ? shortened(scenes[shown].name, 60) : "";
     lines.push_back(fmt::format("has {} scenes; only scenes/{}{} is shown", scenes.size(), shown,
                                 scene.empty() ? "" : fmt::format(" (\"{}\")", scene)));
   }
   for (const std::string& extension : document.model.extensionsRequired) {
     if (known_extension(extension).effect == Effect::read) continue;
     lines.push_back(fmt::format("needs the glTF extension {}, which is not read: {}",
-                                extension.substr(0, 80), known_extension(extension).consequence));
+                                shortened(extension, 80), known_extension(extension).consequence));
   }
   for (const auto& [extension, first_json_path] : document.extensions) {
     const auto& [start, effect, consequence] = known_extension(extension);
     if (effect != Effect::ignored && effect != Effect::unknown) continue;
     if (std::ranges::count(document.model.extensionsRequired, extension) > 0) continue;
     lines.push_back(fmt::format(
-        "its glTF extension {} ({}) is not read{}{}", extension.substr(0, 80), first_json_path,
+        "its glTF extension {} ({}) is not read{}{}", shortened(extension, 80), first_json_path,
         effect == Effect::unknown ? "" : ": ", effect == Effect::unknown ? "" : consequence));
   }
   return lines;

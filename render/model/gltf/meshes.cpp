@@ -130,10 +130,13 @@ Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primiti
 Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const std::string& what,
                                         Mesh& mesh) {
   std::vector<TextureLayout> layouts = materials_.layouts(static_cast<std::size_t>(mesh.material));
-  if (layouts.empty()) layouts.emplace_back();
+  const bool textured = !layouts.empty();
+  if (!textured) layouts.emplace_back();
   for (std::size_t s = 0; s < layouts.size(); ++s) {
-    PENUMBRA_TRY(const Elements read, attribute(from, fmt::format("TEXCOORD_{}", layouts[s].set),
-                                                {2, 2, mesh.positions.size()}, what));
+    const std::string key = fmt::format("TEXCOORD_{}", layouts[s].set);
+    PENUMBRA_TRY(const Elements read, attribute(from, key, {2, 2, mesh.positions.size()}, what));
+    if (textured && read.count == 0)
+      notes_.add("has no " + key + ", which its textures need; they are drawn in one colour", what);
     std::vector<glm::vec2>& to = s == 0 ? mesh.texcoords : mesh.texcoords_2;
     for (std::size_t i = 0; i < read.count; ++i)
       to.push_back(layouts[s].apply({read.at(i, 0), read.at(i, 1)}));

@@ -419,6 +419,7 @@ TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
 
 TEST_F(GltfModelFile, ClampsMaterialFactors) {
   GltfBuilder file = square();
+  file.primitive()["attributes"]["TEXCOORD_0"] = file.accessor(std::vector<float>(8, 0.0F), "VEC2");
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness",
                               {{"baseColorFactor", {1.0000001192092896, 1.00016, -1e-9, 1}},
@@ -432,6 +433,18 @@ TEST_F(GltfModelFile, ClampsMaterialFactors) {
   file.json["materials"][0]["emissiveFactor"] = {5, 0, 0};
   expect_square_with_warning(file, "materials/0: a factor is outside 0 to 1 and is clamped");
   EXPECT_EQ(loaded(file.gltf())->materials[0].emissive, glm::vec3(1, 0, 0));
+}
+
+TEST_F(GltfModelFile, NamesMissingTextureCoordinates) {
+  GltfBuilder file = square();
+  file.primitive()["material"] = 0;
+  file.json["materials"] = {
+      {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}, {"texCoord", 1}}}}}}};
+  file.json["textures"] = {{{"source", 0}}};
+  file.json["images"] = {
+      {{"uri", "data:;base64," + test::base64(test::png_bytes(test::one_color(9, 9, 9)))}}};
+  expect_square_with_warning(file,
+                             "has no TEXCOORD_1, which its textures need; they are drawn in one");
 }
 
 TEST_F(GltfModelFile, FallsBackToPlainColourWithoutImage) {
@@ -480,6 +493,7 @@ TEST_F(GltfModelFile, FallsBackToPlainColourWithoutImage) {
 
 TEST_F(GltfModelFile, ReadsFallbackImage) {
   GltfBuilder file = square();
+  file.primitive()["attributes"]["TEXCOORD_0"] = file.accessor(std::vector<float>(8, 0.0F), "VEC2");
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}}};
   file.json["images"] = {
@@ -546,7 +560,7 @@ TEST_F(GltfModelFile, ReportsUsedExtensionsWithVisibleContent) {
   for (const auto& [extension, consequence] : std::map<std::string, std::string>{
            {"KHR_materials_variants", "the default materials are shown"},
            {"MSFT_lod", "the finest level of detail is shown"},
-           {"KHR_animation_pointer", "the rest pose is shown"},
+           {"KHR_animation_pointer", "what only it animates keeps its value"},
            {"CESIUM_primitive_outline", "outlines are not drawn"}}) {
     GltfBuilder file = square();
     // tinygltf 2.9 refuses MSFT_lod without ids.

@@ -813,9 +813,10 @@ TEST(Materials, ReportsMalformedTransform) {
 }
 
 TEST(Materials, ReportsIgnoredMaterialFeatures) {
-  const TexturedSquare square = square_of(
+  TexturedSquare square = square_of(
       R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":0,"texCoord":1}},"emissiveTexture":{"index":0,"texCoord":2})",
       {one_color(200, 100, 50)});
+  square.texcoords_1 = square.texcoords;
   const auto model = loaded(square);
   ASSERT_TRUE(model) << model.error().message;
   ASSERT_EQ(model->warnings.size(), 1U);

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "core/propagate.hpp"
+#include "core/text/text.hpp"
 #include "render/model/gltf/extensions.hpp"
 
 namespace penumbra::gltf {
@@ -77,13 +78,13 @@ Result<std::optional<MeshoptView>> meshopt_view(const tinygltf::BufferView& view
   constexpr std::array<std::string_view, 3> kModes = {"ATTRIBUTES", "TRIANGLES", "INDICES"};
   if (std::ranges::count(kModes, to.mode) == 0) {
     return fail("{}/mode: \"{}\" is none of ATTRIBUTES, TRIANGLES and INDICES", to.json_path,
-                to.mode.substr(0, 40));
+                shortened(to.mode, 40));
   }
   constexpr std::array<std::string_view, 4> kFilters = {"NONE", "OCTAHEDRAL", "QUATERNION",
                                                         "EXPONENTIAL"};
   if (std::ranges::count(kFilters, to.filter) == 0) {
     return fail("{}/filter: \"{}\" can't be read; export with another filter or without one",
-                to.json_path, to.filter.substr(0, 40));
+                to.json_path, shortened(to.filter, 40));
   }
   PENUMBRA_TRY_VOID(check_sizes(to));
   if (to.decoded_bytes() != view.byteLength) {
