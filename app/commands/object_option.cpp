@@ -34,7 +34,7 @@ constexpr std::array kObjectNumbers = {
     ObjectNumber{"y", &ObjectRequest::y_m, -100.0, 100.0, "metres"},
     ObjectNumber{"z", &ObjectRequest::z_m, -100.0, 100.0, "metres"},
 };
-constexpr std::string_view kObjectKeys = "height, scale, unit, x, y, z, animation";
+constexpr std::string_view kObjectKeys = "height, scale, unit, x, y, z, up, animation";
 
 // Sets what "key=value" says about an object.
 void set_object_key(const std::string& option, std::string_view setting, ObjectRequest& object) {
@@ -47,6 +47,13 @@ void set_object_key(const std::string& option, std::string_view setting, ObjectR
     if (unit == nullptr) usage_error(option, "unit={}: is none of mm, cm, m and in", value);
     if (object.unit_m) usage_error(option, "unit: is given twice; give it once");
     object.unit_m = unit->length_m;
+    return;
+  }
+  if (key == "up") {
+    const auto up = value_named(kUpAxisNames, value);
+    if (!up) usage_error(option, "up={}: is neither y nor z", value);
+    if (object.up != UpAxis::by_format) usage_error(option, "up: is given twice; give it once");
+    object.up = *up;
     return;
   }
   if (key == "animation") {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -40,7 +41,11 @@ bool is_plausible(double longest_m) {
 Result<ChosenSize> choose_size(const Eigen::Vector3d& extent, const ObjectRequest& request) {
   const double longest = extent.maxCoeff();
   const std::string file = request.file.string();
-  if (!std::isfinite(longest) || !(longest > 0.0)) {
+  const bool grows_later = longest == 0.0 && !request.animation.empty();
+  if (grows_later && !request.scale) {
+    return fail("{}: has no size at the start of its animation; give scale", file);
+  }
+  if (!std::isfinite(longest) || !(longest > 0.0 || grows_later)) {
     return fail("{}: has no size, so it can't be put on the table; export it with its faces", file);
   }
   if (request.height_m) {
@@ -128,13 +133,13 @@ struct LoadedModel {
 };
 // `animation`: see ObjectRequest.
 Result<LoadedModel> load_model_or_animation(const std::filesystem::path& file,
-                                            const std::string& animation) {
+                                            const std::string& animation, UpAxis up) {
   LoadedModel loaded;
   if (animation.empty()) {
-    PENUMBRA_TRY(Model model, load_model(file));
+    PENUMBRA_TRY(Model model, load_model(file, {.up = up}));
     loaded.model = std::make_shared<const Model>(std::move(model));
   } else {
-    PENUMBRA_TRY(loaded.playback.model, AnimatedModel::load(file, animation));
+    PENUMBRA_TRY(loaded.playback.model, AnimatedModel::load(file, animation, {.up = up}));
     loaded.playback.animation = animation;
     PENUMBRA_TRY(loaded.model, loaded.playback.model->at(loaded.playback.time_at(0.0)));
   }
@@ -204,15 +209,21 @@ Result<PlaceOnTable> place_on_table(const Model& model, const ObjectRequest& req
 
 Result<NewObject> load_object(const ObjectRequest& request, const Scene& scene,
                               const Eigen::AlignedBox2d& sheet) {
-  PENUMBRA_TRY(LoadedModel loaded, load_model_or_animation(request.file, request.animation));
+  PENUMBRA_TRY(LoadedModel loaded,
+               load_model_or_animation(request.file, request.animation, request.up));
   const Model& model = *loaded.model;
   PENUMBRA_TRY(const PlaceOnTable place, place_on_table(model, request, scene, sheet));
   for (const std::string& warning : model.warnings) log_warning("{}", warning);
+  if (const auto warning = warning_of_size(
+          model, {.scale = place.placement.scale, .remedy = SizeRemedy::scene_scale},
+          request.file.string()))
+    log_warning("{}", *warning);
   std::error_code ignored;
   NewObject object;
   object.edit.object = free_object_name(scene, name_of(request.file));
   object.edit.model_file =
       std::filesystem::absolute(request.file, ignored).lexically_normal().string();
+  object.edit.up = request.up;
   object.edit.placement = place.placement;
   const glm::vec3 middle = 0.5F * (model.min_corner + model.max_corner);
   const Eigen::Vector3d at =
@@ -227,7 +238,7 @@ Result<NewObject> load_object(const ObjectRequest& request, const Scene& scene,
 
 Result<void> load_added_models(SceneEvents& events, const Scene& scene,
                                const std::filesystem::path& events_file) {
-  std::map<std::pair<std::string, std::string>, LoadedModel> models;  // by file and animation
+  std::map<std::tuple<std::string, std::string, UpAxis>, LoadedModel> models;
   for (SceneEvent& event : events.edits) {
     auto* added = std::get_if<ObjectAdded>(&event.edit);
     if (added == nullptr) continue;
@@ -237,9 +248,9 @@ Result<void> load_added_models(SceneEvents& events, const Scene& scene,
     const std::string& animation = added->playback.animation;
     // A relative path names the copy in the recording.
     added->model_file = (events_file.parent_path() / added->model_file).string();
-    LoadedModel& known = models[{added->model_file, animation}];
+    LoadedModel& known = models[{added->model_file, animation, added->up}];
     if (known.model == nullptr) {
-      auto loaded = load_model_or_animation(added->model_file, animation);
+      auto loaded = load_model_or_animation(added->model_file, animation, added->up);
       if (!loaded) {
         return fail(
             "{}: adds an object whose model is missing: {}; name the model with --object, "

@@ -28,6 +28,7 @@ struct ObjectRequest {
   std::optional<double> unit_m;    // unit of the model's coordinates
   std::optional<double> x_m, y_m;  // middle of the object on the table
   std::optional<double> z_m;       // height of its lowest point above the table
+  UpAxis up = UpAxis::by_format;
   // The animation to play (ModelPose::animation); empty: the rest pose. Size and place are those of
   // the shape at its time 0.
   std::string animation;

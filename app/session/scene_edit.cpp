@@ -138,6 +138,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   if (!usable(placement)) return std::nullopt;
   if (event == kAdded) {
     ObjectAdded added{object, text_in(json, "model"), placement, nullptr};
+    added.up = value_named(kUpAxisNames, text_in(json, "up")).value_or(UpAxis::by_format);
     added.playback.animation = text_in(json, "animation");
     return added;
   }
@@ -216,6 +217,7 @@ bool apply_to(Scene& scene, const ObjectAdded& edit, Scene* start) {
   object.name = edit.object;
   object.model = edit.model;
   object.model_file = edit.model_file;
+  object.up = edit.up;
   object.playback = edit.playback;
   object.placement = edit.placement;
   if (start == nullptr) {
@@ -289,6 +291,7 @@ Json json_of(const ObjectAdded& added) {
   json["event"] = kAdded;
   json["object"] = added.object;
   json["model"] = added.model_file;
+  if (added.up != UpAxis::by_format) json["up"] = name_of(kUpAxisNames, added.up);
   if (!added.playback.animation.empty()) json["animation"] = added.playback.animation;
   write_placement(json, added.placement);
   return json;

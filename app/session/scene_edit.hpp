@@ -35,6 +35,7 @@ struct ObjectAdded {
   std::string model_file;  // absolute path; in a recording's events, relative to the recording
   Placement placement;
   std::shared_ptr<const Model> model;  // null until it is loaded
+  UpAxis up = UpAxis::by_format;       // of the model's file
   // Only its model and its animation are recorded; the animation is empty for a rigid object.
   Playback playback = {};
 };

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "core/text/enum_names.hpp"
 #include "render/gl/texture_sampling.hpp"
 
 namespace penumbra {
@@ -137,6 +138,8 @@ struct Model {
 
 // by_format: glTF is y up and converted, (x, y, z) -> (x, -z, y); OBJ is z up.
 enum class UpAxis { by_format, y, z };
+inline constexpr auto kUpAxisNames =
+    std::to_array<EnumName<UpAxis>>({{UpAxis::y, "y"}, {UpAxis::z, "z"}});  // without by_format
 
 struct ModelLimits {
   std::size_t max_file_bytes = std::size_t{512} << 20U;

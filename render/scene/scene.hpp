@@ -76,6 +76,7 @@ struct SceneObject {
   std::string name;
   std::shared_ptr<const Model> model;  // with `playback`: its shape at the scene's time 0
   std::string model_file;              // resolved path, for messages and caches
+  UpAxis up = UpAxis::by_format;       // of the model's file
   int parent = -1;                     // index of an earlier object, or -1: the table
   // Group of tags that an object without a parent moves with. `placement` applies when the group is
   // at its pose in the tag map.

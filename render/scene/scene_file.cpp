@@ -218,8 +218,7 @@ Result<LayeredConstants> read_layered(const Entry& from) {
 }
 
 UpAxis up_axis_of(const json& object) {
-  if (!object.contains("up")) return UpAxis::by_format;
-  return object.at("up") == "y" ? UpAxis::y : UpAxis::z;
+  return value_named(kUpAxisNames, object.value("up", "")).value_or(UpAxis::by_format);
 }
 
 // Returns the entry with the name or index of an animation of the object's model.

@@ -153,6 +153,7 @@ void SceneWriter::write_objects() {
     Json entry;
     entry["name"] = added.name;
     entry["model"] = relative_path(added.model_file, folder_);
+    if (added.up != UpAxis::by_format) entry["up"] = name_of(kUpAxisNames, added.up);
     if (added.playback.model) entry["animation"] = added.playback.animation;
     put_placement(entry, added.placement);
     root_["objects"].push_back(std::move(entry));

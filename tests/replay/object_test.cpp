@@ -74,7 +74,20 @@ TEST_F(ObjectOption, ShowsModelAloneAndDescribesIt) {
   const auto given = replay("given", {"--object", toy + ",unit=mm"});
   EXPECT_EQ(given, shown);
   EXPECT_NE(replay("large", {"--object", toy + ",height=0.1"}), shown);
+  EXPECT_NE(replay("upright", {"--object", toy + ",up=y"}), shown);
+  EXPECT_THAT(last_.out, HasSubstr("6.0 cm high"));
+  EXPECT_EQ(replay("lying", {"--object", toy + ",up=z"}), shown);
   EXPECT_NE(replay("moved", {"--object", toy + ",x=-0.2,y=0.1,z=0.02"}), shown);
+}
+
+TEST_F(ObjectOption, WarnsOfAbsurdSize) {
+  const std::string toy = write_obj("toy.obj");
+  (void)replay("huge", {"--object", toy + ",unit=m"});
+  EXPECT_THAT(last_.err, HasSubstr("toy.obj: is 80 m wide; in millimetres? use scale 0.001"));
+  (void)replay("small", {"--object", toy + ",scale=1e-6"});
+  EXPECT_THAT(last_.err, HasSubstr("toy.obj: is 0.08 mm wide"));
+  (void)replay("good", {"--object", toy});
+  EXPECT_THAT(last_.err, Not(HasSubstr("wide")));
 }
 
 TEST_F(ObjectOption, AddsToSceneOfSceneOption) {
@@ -116,7 +129,7 @@ TEST_F(ObjectOption, SavesSceneThatShowsSameFrames) {
       {"--object", toy, "--object", path("models/tree.glb") + ",height=0.12", "--object", toy},
       {"--scene", base, "--object", toy, "--shadow", "walls"},
       {"--object", path("models/tree.glb") + ",height=0.12", "--shadow", "walls", "--object", toy},
-      {"--scene", base, "--object", toy, "--shadow", "cocl"},
+      {"--scene", base, "--object", toy + ",up=y", "--shadow", "cocl"},
       {"--object", toy, "--object", write_moving_square() + ",animation=all"},
   };
   int number = 0;
@@ -166,6 +179,8 @@ TEST_F(ObjectOption, ReportsProblemsInOneLine) {
   EXPECT_THAT(error(toy + ",x=1,x=2", 2), HasSubstr("x: is given twice"));
   EXPECT_THAT(error(toy + ",unit=ft", 2), HasSubstr("unit=ft: is none of mm, cm, m and in"));
   EXPECT_THAT(error(toy + ",height=0.1,scale=2", 2), HasSubstr("leave out scale"));
+  EXPECT_THAT(error(toy + ",up=x", 2), HasSubstr("up=x: is neither y nor z"));
+  EXPECT_THAT(error(toy + ",up=y,up=y", 2), HasSubstr("up: is given twice"));
   EXPECT_THAT(error(",height=1", 2), HasSubstr("name a model file first"));
   EXPECT_THAT(error(toy + ",animation=", 2), HasSubstr("animation: give a name, an index or all"));
   EXPECT_THAT(error(toy + ",animation=0,animation=0", 2), HasSubstr("animation: is given twice"));
@@ -230,7 +245,7 @@ TEST_F(ObjectOption, RecordsObjectsForReplay) {
                                        "--camera",
                                        "recording:" + bundled("tabletop"),
                                        "--object",
-                                       toy,
+                                       toy + ",up=y",
                                        "--object",
                                        write_moving_square() + ",animation=all",
                                        "--record",
@@ -262,7 +277,7 @@ TEST_F(ObjectOption, RecordsObjectsForReplay) {
   for (const auto& file : fs::recursive_directory_iterator(path("session/scene/models"))) {
     if (file.path().filename() == "toy.obj") fs::remove(file.path());
   }
-  EXPECT_EQ(replayed("named", {"--object", path("other/toy.obj")}), without_options);
+  EXPECT_EQ(replayed("named", {"--object", path("other/toy.obj") + ",up=y"}), without_options);
   const ProgramResult missing = penumbra({"replay", path("session"), "--no-window"});
   EXPECT_EQ(missing.exit_code, 1);
   EXPECT_THAT(missing.err, AllOf(HasSubstr("events.jsonl"), HasSubstr("toy.obj"),

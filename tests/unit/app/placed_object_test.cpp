@@ -184,6 +184,21 @@ TEST(PlacedObject, RejectsModelsWithoutUsableSize) {
   EXPECT_THAT(error(far, request_for("a.glb")), HasSubstr("too far from the origin"));
 }
 
+// For example, a flower that grows from a scale of 0.
+TEST(PlacedObject, NeedsScaleIfAnimationStartsWithoutSize) {
+  const Model start = box_from({0, 0, 0}, {0, 0, 0});
+  ObjectRequest request = request_for("flower.glb");
+  request.animation = "grow";
+  const auto without = place_on_table(start, request, empty_scene(), kSheet);
+  ASSERT_FALSE(without);
+  EXPECT_THAT(without.error().message,
+              HasSubstr("no size at the start of its animation; give scale"));
+  request.scale = 0.5;
+  const auto place = place_on_table(start, request, empty_scene(), kSheet);
+  ASSERT_TRUE(place) << place.error().message;
+  EXPECT_EQ(place->placement.scale, 0.5);
+}
+
 // Objects above or below the place, and removed ones, do not block it.
 TEST(PlacedObject, AvoidsOnlyWhatItWouldTouch) {
   const Model model = box_from({0, 0, 0}, {0.1, 0.1, 0.1});

@@ -88,8 +88,10 @@ TEST(SceneEdit, RoundTripsMoveExactly) {
 TEST(SceneEdit, RoundTripsAddedRemovedAndResetObjects) {
   const ObjectPlaced placed = placed_somewhere();
   ObjectAdded added{"my \"toy\"", "/models/toy.glb", placed.placement, nullptr};
-  EXPECT_THAT(event_line({1, added}), testing::Not(testing::HasSubstr("animation")));
+  EXPECT_THAT(event_line({1, added}), testing::AllOf(testing::Not(testing::HasSubstr("animation")),
+                                                     testing::Not(testing::HasSubstr("\"up\""))));
   added.playback.animation = "a \"walk\"";
+  added.up = UpAxis::y;
   const auto events = test::events_of(event_line({12'345'678'901, added}));
   ASSERT_TRUE(events) << events.error().message;
   ASSERT_EQ(events->edits.size(), 1U);
@@ -99,6 +101,7 @@ TEST(SceneEdit, RoundTripsAddedRemovedAndResetObjects) {
   EXPECT_EQ(read.model_file, added.model_file);
   EXPECT_EQ(read.placement, added.placement);
   EXPECT_EQ(read.playback.animation, added.playback.animation);
+  EXPECT_EQ(read.up, UpAxis::y);
   EXPECT_EQ(read.model, nullptr);
   for (const bool removed : {true, false}) {
     const auto visibility = test::events_of(event_line({1, ObjectRemoved{"toy", removed}}));
