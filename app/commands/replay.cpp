@@ -151,6 +151,10 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--frame-log", "--report", "--refine-map", "--refine-camera",
                             "--save-scene"});
+    options->request.chosen_view = {
+        .translucency = command.count("--translucency") > 0,
+        .walls = command.count("--hide-walls") > 0,
+        .smooth = command.count("--smooth") > 0 || options->request.poses_from.has_value()};
     if (const auto taken = take_session(command, *options); !taken) {
       chosen = [error = taken.error()]() -> Result<ExitCode> { return tl::unexpected(error); };
       return;

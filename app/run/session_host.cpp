@@ -129,9 +129,17 @@ std::string SessionHost::save_scene() {
   return "scene saved: " + name.string();
 }
 
+void SessionHost::set_translucency(Translucency mode) {
+  ViewChanged view = session_.drawn_view();
+  view.translucency = mode;
+  session_.edit(view);
+}
+
 std::string SessionHost::toggle_smoothing() {
-  session_.set_smooth(!session_.smooth());
-  return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";
+  ViewChanged view = session_.drawn_view();
+  view.smooth = !view.smooth;
+  session_.edit(view);
+  return view.smooth ? "the drawn pose is smoothed" : "the pose is drawn as measured";
 }
 
 std::string SessionHost::toggle_walls() {
@@ -139,14 +147,16 @@ std::string SessionHost::toggle_walls() {
     return node.style.technique == ShadowTechnique::walls;
   };
   if (std::ranges::none_of(nodes(), has_walls)) return "no shadow node has the technique walls";
-  session_.show_walls(!session_.shows_walls());
-  return session_.shows_walls() ? "the walls are shown" : "the walls are hidden";
+  ViewChanged view = session_.drawn_view();
+  view.walls = !view.walls;
+  session_.edit(view);
+  return view.walls ? "the walls are shown" : "the walls are hidden";
 }
 
 void SessionHost::describe(HudState& state, bool debug) const {
   RunHost::describe(state, debug);
-  state.smooth = session_.smooth();
-  state.walls = session_.shows_walls();
+  state.smooth = session_.drawn_view().smooth;
+  state.walls = session_.drawn_view().walls;
   if (!debug || !last_) return;
   const SessionView view = session_.view();
   for (const CasterKernels& caster : session_.kernels_in_use()) {

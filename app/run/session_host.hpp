@@ -60,8 +60,10 @@ class SessionHost : public RunHost {
   [[nodiscard]] std::string reset() override { return history_.reset(session_); }
   // Saves the arrangement in the current folder.
   [[nodiscard]] std::string save_scene() override;
-  [[nodiscard]] Translucency translucency() const override { return session_.translucency(); }
-  void set_translucency(Translucency mode) override { session_.set_translucency(mode); }
+  [[nodiscard]] Translucency translucency() const override {
+    return session_.drawn_view().translucency;
+  }
+  void set_translucency(Translucency mode) override;
   void redraw() override;
   // Saves a PNG of the image without the HUD in the current folder.
   [[nodiscard]] std::string save_screenshot() override;

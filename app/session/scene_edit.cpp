@@ -24,6 +24,7 @@ constexpr std::string_view kAdded = "object_added";
 constexpr std::string_view kReset = "object_reset";
 constexpr std::string_view kRemoved = "object_removed";
 constexpr std::string_view kRestored = "object_restored";
+constexpr std::string_view kViewed = "view_changed";
 constexpr std::string_view kLit = "video_light";
 constexpr double kMaxLight = 1e6;  // multiples of full white
 constexpr double kLargestPlace_m = 1e6;
@@ -128,6 +129,13 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
     if (!usable(styled.style)) return std::nullopt;
     return styled;
   }
+  if (event == kViewed) {
+    const auto mode = value_named(kTranslucencyNames, text_in(json, "translucency"));
+    const auto walls = json.find("walls"), smooth = json.find("smooth");
+    const auto is_choice = [&](const auto& key) { return key != json.end() && key->is_boolean(); };
+    if (!mode || !is_choice(walls) || !is_choice(smooth)) return std::nullopt;
+    return ViewChanged{*mode, walls->get<bool>(), smooth->get<bool>()};
+  }
   const std::string object = text_in(json, "object");
   if (event == kReset) return ObjectReset{object};
   if (event == kRemoved || event == kRestored) return ObjectRemoved{object, event == kRemoved};
@@ -146,7 +154,8 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
 }
 
 bool is_edit(std::string_view event) {
-  constexpr std::array kEdits = {kMoved, kRotated, kStyled, kAdded, kReset, kRemoved, kRestored};
+  constexpr std::array kEdits = {kMoved, kRotated, kStyled,   kAdded,
+                                 kReset, kRemoved, kRestored, kViewed};
   return std::ranges::find(kEdits, event) != kEdits.end();
 }
 
@@ -235,6 +244,10 @@ bool apply_to(Scene& scene, const ObjectAdded& edit, Scene* start) {
   return true;
 }
 
+bool apply_to(Scene& /*scene*/, const ViewChanged& /*edit*/, Scene* /*start*/) {
+  return true;
+}
+
 bool apply_to(Scene& scene, const ObjectReset& edit, Scene* start) {
   SceneObject* object = object_named(scene, edit.object);
   const SceneObject* before = start == nullptr ? nullptr : object_named(*start, edit.object);
@@ -299,6 +312,13 @@ Json json_of(const ObjectAdded& added) {
 
 Json json_of(const ObjectReset& reset) {
   return {{"event", kReset}, {"object", reset.object}};
+}
+
+Json json_of(const ViewChanged& view) {
+  return {{"event", kViewed},
+          {"translucency", name_of(kTranslucencyNames, view.translucency)},
+          {"walls", view.walls},
+          {"smooth", view.smooth}};
 }
 
 Json json_of(const ObjectRemoved& removed) {

@@ -14,6 +14,7 @@
 #include "core/error.hpp"
 #include "render/scene/light_meter.hpp"
 #include "render/scene/scene.hpp"
+#include "render/translucency.hpp"
 
 namespace penumbra {
 
@@ -51,9 +52,18 @@ struct ObjectRemoved {
   bool removed = true;
 };
 
-using SceneEdit = std::variant<ObjectPlaced, ShadowStyled, ObjectAdded, ObjectReset, ObjectRemoved>;
+// How the session draws, as chosen in the window.
+struct ViewChanged {
+  Translucency translucency = Translucency::automatic;
+  bool walls = true;    // virtual walls are shown
+  bool smooth = false;  // the drawn pose is smoothed
+};
+
+using SceneEdit =
+    std::variant<ObjectPlaced, ShadowStyled, ObjectAdded, ObjectReset, ObjectRemoved, ViewChanged>;
 
 // Returns false and changes nothing if the object or node does not exist or a number is invalid.
+// ViewChanged does not change the scene; Session applies it.
 // `start`: the scene without edits, to which added objects are added too; nullptr: objects can't be
 // reset.
 bool apply(Scene& scene, const SceneEdit& edit, Scene* start = nullptr);

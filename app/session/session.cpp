@@ -49,7 +49,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
 }
 
 // Part of the scene that an edit changes. A later edit of the same part replaces it.
-enum class EditedPart { place, style, existence, visibility };
+enum class EditedPart { place, style, existence, visibility, view };
 using EditSubject = std::pair<EditedPart, std::string>;
 EditSubject subject_of(const ObjectPlaced& edit) {
   return {EditedPart::place, edit.object};
@@ -65,6 +65,9 @@ EditSubject subject_of(const ObjectAdded& edit) {
 }
 EditSubject subject_of(const ObjectRemoved& edit) {
   return {EditedPart::visibility, edit.object};
+}
+EditSubject subject_of(const ViewChanged& /*edit*/) {
+  return {EditedPart::view, {}};
 }
 EditSubject subject_of(const SceneEdit& edit) {
   return std::visit([](const auto& of_kind) { return subject_of(of_kind); }, edit);
@@ -308,17 +311,37 @@ bool Session::edit(const SceneEdit& edit) {
     options_.plan.technique.reset();
     options_.plan.kernels.reset();
   }
-  if (!replay_edit(edit)) return false;
+  if (const auto* view = std::get_if<ViewChanged>(&edit)) set_view(*view);
+  if (!apply_edit(edit)) return false;
+  keep_latest(edit);
   edits_.push_back(edit);
   return true;
 }
 
 bool Session::replay_edit(const SceneEdit& edit) {
+  if (const auto* view = std::get_if<ViewChanged>(&edit)) {
+    const ChosenView& chosen = options_.chosen_view;
+    ViewChanged changed = drawn_view();
+    if (!chosen.translucency) changed.translucency = view->translucency;
+    if (!chosen.walls) changed.walls = view->walls;
+    if (!chosen.smooth) changed.smooth = view->smooth;
+    set_view(changed);
+  }
   if (!apply_edit(edit)) return false;
+  keep_latest(edit);
+  return true;
+}
+
+void Session::set_view(const ViewChanged& view) {
+  options_.plan.translucency = view.translucency;
+  options_.plan.walls = view.walls;
+  options_.smooth = view.smooth;
+}
+
+void Session::keep_latest(const SceneEdit& edit) {
   std::erase_if(latest_edits_,
                 [&](const SceneEdit& earlier) { return subject_of(earlier) == subject_of(edit); });
   latest_edits_.push_back(edit);
-  return true;
 }
 
 bool Session::apply_edit(const SceneEdit& edit) {

@@ -34,8 +34,14 @@ struct GivenPoses {
 };
 using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
+// What recorded view changes (ViewChanged) do not change, because an option of replay chose it.
+struct ChosenView {
+  bool translucency = false, walls = false, smooth = false;
+};
+
 struct SessionOptions {
   PlanOptions plan;
+  ChosenView chosen_view;
   bool smooth = false;  // smooths the drawn pose
   // Draws images for a window that is larger than the video at the window's resolution.
   bool at_window_size = true;
@@ -117,7 +123,7 @@ class Session {
   bool replay_edit(const SceneEdit& edit);
   // Adds an object that the scene has since its start to the recorded edits.
   void record_added(const ObjectAdded& added) { latest_edits_.emplace_back(added); }
-  // Latest edit of each edited object or node, for a recording that starts now.
+  // Latest edit of each edited object or node, and of the view, for a recording that starts now.
   [[nodiscard]] const std::vector<SceneEdit>& latest_edits() const { return latest_edits_; }
   // Returns the edit that restores the object's present place: its latest one or ObjectReset.
   [[nodiscard]] SceneEdit place_of(const std::string& object) const;
@@ -127,14 +133,10 @@ class Session {
   [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
     return options_.scene_start_ns;
   }
-  // Sets the translucency from the next image on. It depends on the display, so it is not an edit.
-  void set_translucency(Translucency mode) { options_.plan.translucency = mode; }
-  [[nodiscard]] Translucency translucency() const { return options_.plan.translucency; }
-  // Shows or hides virtual walls from the next image on; like the translucency, not an edit.
-  void show_walls(bool shown) { options_.plan.walls = shown; }
-  [[nodiscard]] bool shows_walls() const { return options_.plan.walls; }
-  void set_smooth(bool smooth) { options_.smooth = smooth; }
-  [[nodiscard]] bool smooth() const { return options_.smooth; }
+  // How the session draws; edit(ViewChanged) changes it from the next image on.
+  [[nodiscard]] ViewChanged drawn_view() const {
+    return {options_.plan.translucency, options_.plan.walls, options_.smooth};
+  }
   [[nodiscard]] SessionView view() const;
   // Camera of the drawn image; without distortion if the image is rectified.
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
@@ -153,6 +155,8 @@ class Session {
   Session(GlContext& context, std::shared_ptr<const Scene> scene, const CameraModel& camera,
           PoseSource poses, const SessionOptions& options, Compositor compositor);
   bool apply_edit(const SceneEdit& edit);
+  void set_view(const ViewChanged& view);
+  void keep_latest(const SceneEdit& edit);
   // Returns the compositor that draws at the window's resolution; nullptr if the window is not
   // larger than the video, or if there is none.
   [[nodiscard]] Compositor* display();

@@ -134,6 +134,25 @@ TEST(SceneEdit, RemovesOnlyAddedObjects) {
   EXPECT_FALSE(apply(scene, ObjectReset{"unknown"}, &start));
 }
 
+TEST(SceneEdit, RoundTripsView) {
+  for (const bool shown : {false, true}) {
+    const ViewChanged view{Translucency::mesh, shown, !shown};
+    const auto events = test::events_of(event_line({5, view}));
+    ASSERT_TRUE(events && events->edits.size() == 1U);
+    const auto& read = std::get<ViewChanged>(events->edits[0].edit);
+    EXPECT_EQ(read.translucency, Translucency::mesh);
+    EXPECT_EQ(read.walls, shown);
+    EXPECT_EQ(read.smooth, !shown);
+  }
+  for (const char* damaged :
+       {R"("translucency":"glass","walls":true,"smooth":true)", R"("translucency":"mesh")",
+        R"("translucency":"mesh","walls":1,"smooth":true)"}) {
+    EXPECT_FALSE(test::events_of(R"({"timestamp_s":1.5,"event":"view_changed",)" +
+                                 std::string(damaged) + "}"))
+        << damaged;
+  }
+}
+
 TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
   ShadowStyled styled{"a \"node\"", {}};
   styled.style.technique = ShadowTechnique::field;

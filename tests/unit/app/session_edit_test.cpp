@@ -220,7 +220,8 @@ TEST_F(EditedSession, ReplaysEditsToSameFrames) {
            Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized())),
            1.0},
           true},
-      ObjectPlaced{"object1", test::at(-0.1, 0.07, 0.13), false}};
+      ObjectPlaced{"object1", test::at(-0.1, 0.07, 0.13), false},
+      ViewChanged{Translucency::mesh, false, true}};
   std::vector<std::vector<std::uint8_t>> images;
   std::vector<std::string> lines;
   for (const SceneEdit& edit : edits) {
@@ -238,6 +239,23 @@ TEST_F(EditedSession, ReplaysEditsToSameFrames) {
     EXPECT_TRUE(step().edits.empty());
     EXPECT_EQ(image, images[i]) << "frame " << i;
   }
+  EXPECT_NE(images[2], images[1]);
+}
+
+// An option of replay has priority over the recorded view; the user's keys have priority over both.
+TEST_F(EditedSession, KeepsViewChosenByOptions) {
+  SessionOptions options;
+  options.chosen_view.walls = true;
+  Session chosen =
+      Session::create(*context, builder.build(), camera, GivenPoses{}, options).value();
+  ASSERT_TRUE(chosen.replay_edit(ViewChanged{Translucency::mesh, false, true}));
+  EXPECT_TRUE(chosen.drawn_view().walls);
+  EXPECT_EQ(chosen.drawn_view().translucency, Translucency::mesh);
+  EXPECT_TRUE(chosen.drawn_view().smooth);
+  ASSERT_TRUE(chosen.edit(ViewChanged{Translucency::blend, false, false}));
+  EXPECT_FALSE(chosen.drawn_view().walls);
+  ASSERT_EQ(chosen.latest_edits().size(), 1U);
+  EXPECT_FALSE(std::get<ViewChanged>(chosen.latest_edits()[0]).smooth);
 }
 
 }  // namespace
