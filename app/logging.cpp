@@ -42,8 +42,12 @@ bool set_log_level(std::string_view name) {
   return false;
 }
 
+bool is_logged(LogLevel level) {
+  return spdlog::should_log(spdlog_level(level));
+}
+
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values) {
-  if (!spdlog::should_log(spdlog_level(level))) return;
+  if (!is_logged(level)) return;
   const std::string line = as_printable_line(fmt::vformat(text, values));
   // spdlog logs a string_view_t verbatim; it would parse a std::string as a format.
   spdlog::log(spdlog_level(level), spdlog::string_view_t(line));

@@ -16,6 +16,9 @@ void set_up_logging();
 // Sets the level: trace, debug, info, warning, error or off. Returns false for any other name.
 [[nodiscard]] bool set_log_level(std::string_view name);
 
+// Returns true if lines of this level are logged.
+[[nodiscard]] bool is_logged(LogLevel level);
+
 // Logs a line. Not a template, because each file that logs would then compile fmt's formatting.
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values);
 

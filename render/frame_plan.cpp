@@ -668,8 +668,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   FramePlan plan;
   plan.reuse = options.skip;
   if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
-    const std::string reason = text_of(pose.reason);
-    plan.skipped.push_back({SkipReason::no_pose, -1, -1, reason.empty() ? "no pose" : reason});
+    plan.skipped.push_back({SkipReason::no_pose});
     return plan;
   }
   plan.translucency = options.translucency;

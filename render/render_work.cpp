@@ -21,7 +21,7 @@ struct ReasonEntry {
 
 // In the order of SkipReason.
 constexpr auto kSkipTable = std::to_array<ReasonEntry>({
-    {"no_pose", Subject::none, "overlay: "},
+    {"no_pose", Subject::none, "overlay: no pose"},
     {"faded_out", Subject::none, "overlay: the pose is too old"},
     {"group_not_seen", Subject::object, "{0}: its tags are not seen"},
     {"group_not_seen", Subject::plane, "{0}: its tags are not seen"},
@@ -107,7 +107,7 @@ std::string_view key_of(KeepReason reason) {
 
 std::string text_of(const SkippedPass& skipped, const Scene& scene) {
   const ReasonEntry& entry = kSkipTable[static_cast<std::size_t>(skipped.reason)];
-  return text_of_entry(entry, scene, skipped.subject, skipped.other) + skipped.detail;
+  return text_of_entry(entry, scene, skipped.subject, skipped.other);
 }
 std::string text_of(const KeptResult& kept, const Scene& scene) {
   const ReasonEntry& entry = kKeepTable[static_cast<std::size_t>(kept.reason)];

@@ -102,7 +102,6 @@ enum class SkipReason {
 struct SkippedPass {
   SkipReason reason = SkipReason::no_pose;
   int subject = -1, other = -1;  // indices into the scene
-  std::string detail = {};       // for no_pose: the cause
   friend auto operator<=>(const SkippedPass&, const SkippedPass&) = default;
 };
 

@@ -58,17 +58,15 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
     const auto index = static_cast<int>(tag - group.tags.begin());
     observations_.push_back({index, tag->corners(), detection.corners_px});
   }
-  Result<BoardPose> board = estimate_board_pose(group.camera, observations_);
+  auto board = estimate_board_pose(group.camera, observations_);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations_.empty() && seen_twice)
-      return tl::unexpected(not_measured("the same tag is in view twice"));
+      return tl::unexpected(PoseReason{PoseCause::tag_twice});
     // A single unknown tag may be a false detection.
-    if (observations_.empty() && unknown_tags > 1) {
-      return tl::unexpected(not_measured(
-          fmt::format("{} tags in view, none of them of this board (--tags)", unknown_tags)));
-    }
-    return tl::unexpected(not_measured(board.error().message));
+    if (observations_.empty() && unknown_tags > 1)
+      return tl::unexpected(PoseReason{.cause = PoseCause::tags_not_in_map, .tags = unknown_tags});
+    return tl::unexpected(PoseReason{board.error()});
   }
   Measurement measurement;
   measurement.by_corners = std::move(*board);
@@ -122,7 +120,7 @@ MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution fi
   if (quarter && is_conclusive(group, *quarter)) return quarter;
   if (finest == SearchResolution::quarter) {
     if (!quarter) return quarter;
-    return tl::unexpected(not_measured("few of the tags are seen yet"));
+    return tl::unexpected(PoseReason{PoseCause::few_tags});
   }
   MeasurementResult half = detect(group, SearchResolution::half, times);
   const bool enough = half && !half->inconsistent && shows_most_tags(group, *half);

@@ -128,9 +128,12 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
   // Discards the history if the clock jumped back.
   if (found_ && timestamp_ns <= found_->timestamp_ns) found_.reset();
   if (!is_measured(seen.status))
-    return coast(seen.reason.cause == PoseCause::none ? not_measured("not seen") : seen.reason);
-  if (!is_measured(table_pose.status))
-    return coast(not_measured(fmt::format("the table is {}", to_string(table_pose.status))));
+    return coast(seen.reason.cause == PoseCause::none ? PoseReason{PoseCause::group_not_seen}
+                                                      : seen.reason);
+  if (!is_measured(table_pose.status)) {
+    return coast(
+        {table_pose.status == TrackStatus::held ? PoseCause::table_held : PoseCause::table_lost});
+  }
   Place now;
   now.timestamp_ns = timestamp_ns;
   const MiddleFromCamera T_middle_camera = over_middle(seen);
@@ -138,7 +141,7 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
   const Matrix6d A = adjoint(T_middle_camera);
   now.covariance = A * (table_pose.covariance + seen.covariance) * A.transpose();
   if (!now.T_table_middle.is_finite() || !now.covariance.allFinite())
-    return coast(not_measured("no finite place"));
+    return coast({PoseCause::no_finite_place});
   const bool uncertain = worse(seen.status, table_pose.status) != TrackStatus::tracked;
   const bool old = found_ && seconds(timestamp_ns - found_->timestamp_ns) > hold_s;
   if (!add_measurement(camera, now, uncertain && !old, table_pose.T_table_camera))
@@ -173,9 +176,8 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
     estimate.status = TrackStatus::uncertain;
     estimate.reason = {PoseCause::large_error, estimate.predicted_overlay_error_px};
   } else if (estimate.status == TrackStatus::uncertain) {
-    estimate.reason = seen.status == TrackStatus::uncertain
-                          ? seen.reason
-                          : PoseReason{PoseCause::uncertain_table, 0.0, text_of(table_pose.reason)};
+    estimate.reason =
+        seen.status == TrackStatus::uncertain ? seen.reason : reason_by_table(table_pose.reason);
   }
   last_status_ = estimate.status;
   return estimate;

@@ -36,7 +36,8 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.full_detection = times.full_detection || more.full_detection;
 }
 
-// Returns a map with only the group's tags. Its table frame (T_table_tag) is the group's middle.
+// Returns a map with only the group's tags. Its frame (MappedTag::T_table_tag) is the group's
+// middle.
 Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
   const auto T_middle_group = middle_of_group(tags, group).inverse();
   std::vector<MappedTag> own;

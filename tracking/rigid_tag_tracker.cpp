@@ -96,12 +96,12 @@ AssessedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason)
 }
 
 AssessedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackRequest& request) {
-  if (frame.empty()) return coast(frame, not_measured("the frame is empty"));
+  if (frame.empty()) return coast(frame, {PoseCause::empty_frame});
   if (frame.width != group.camera.width() || frame.height != group.camera.height()) {
     AssessedPose lost;
-    lost.estimate.reason =
-        not_measured(fmt::format("the frame is {}x{}, the camera file says {}x{}", frame.width,
-                                 frame.height, group.camera.width(), group.camera.height()));
+    lost.estimate.reason.cause = PoseCause::wrong_size;
+    lost.estimate.reason.sizes_px = {frame.width, frame.height, group.camera.width(),
+                                     group.camera.height()};
     return lost;
   }
   history.begin_frame(frame.timestamp_ns);
@@ -134,7 +134,7 @@ AssessedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackReque
     followed =
         follow_hint(frame, *request.hint, request.hint_seen ? Start::seen_hint : Start::hint);
   if (!followed && !found_inconsistent) followed = follow_far(frame);
-  if (!followed && !request.search) return coast(frame, not_measured("not where it was"));
+  if (!followed && !request.search) return coast(frame, {PoseCause::not_followed});
   if (request.begins_finest && request.finest == SearchResolution::full)
     corners.begin_at_full_resolution();
   return followed ? *followed : find(frame, predicted, request.finest);
@@ -157,12 +157,13 @@ void RigidTagTracker::Impl::choose_effort(double motion_px) {
 
 void RigidTagTracker::Impl::record_work(const AlignmentResult& result) {
   times.samples = state.last_samples = result.counters.samples;
-  times.tags_out_of_view = result.counters.tags_out_of_view;
-  times.tags_too_small = result.counters.tags_too_small;
-  times.sampling_stopped = result.counters.sampling_stopped;
-  times.near_start = !result.counters.wide_stage;
-  times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel &&
-                       !(options.pose_budget_px > 0.0);
+  times.skipped[SkippedWork::out_of_view] = result.counters.tags_out_of_view;
+  times.skipped[SkippedWork::too_small] = result.counters.tags_too_small;
+  times.skipped[SkippedWork::within_budget] = result.counters.sampling_stopped ? 1 : 0;
+  times.skipped[SkippedWork::wide_stage] = result.counters.wide_stage ? 0 : 1;
+  const bool fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel &&
+                            !(options.pose_budget_px > 0.0);
+  times.skipped[SkippedWork::while_moving] = fewer_pixels ? 1 : 0;
 }
 
 void RigidTagTracker::Impl::learn_residual(const RefinedPose& pose,
@@ -379,7 +380,7 @@ AssessedPose RigidTagTracker::Impl::find(const Frame& frame,
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
   CornerSearch::refine(group, *measurement, times);
-  times.corner_solve_skipped = !measurement->by_ceres;
+  times.skipped[SkippedWork::corner_solve] = measurement->by_ceres ? 0 : 1;
   AssessedPose judged = judge(group, *measurement, predicted);
   const MapPoseEstimate& estimate = judged.estimate;
   found_inconsistent = measurement->inconsistent;

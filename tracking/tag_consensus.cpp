@@ -102,7 +102,7 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
     for (const TagObservation& seen : detected) {
       if (std::ranges::find(without, seen.index) == without.end()) others.push_back(seen);
     }
-    const Result<BoardPose> start = estimate_board_pose(group.camera, others);
+    const auto start = estimate_board_pose(group.camera, others);
     if (!start || start->inconsistent || !start->best.T_map_camera.is_finite()) continue;
     alignment.input.predicted = start->best.T_map_camera;
     const AlignmentResult others_only = alignment.tried_without(without);

@@ -1,13 +1,47 @@
 // A frame with its poses, and the times of tracking.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <vector>
 
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/pose_estimate.hpp"
 #include "core/image/frame.hpp"
+#include "core/text/enum_names.hpp"
 
 namespace penumbra {
+
+// Work that was skipped in a frame, and its key in the report.
+enum class SkippedWork : std::size_t {
+  out_of_view,    // tags outside the image or facing away
+  too_small,      // tags
+  within_budget,  // the alignment met the error budget before using all pixels
+  while_moving,   // the alignment used fewer pixels because the view moves
+  wide_stage,     // the alignment started near the pose
+  corner_solve,   // tags were detected, but Ceres did not refine their pose
+};
+inline constexpr auto kSkippedWorkNames =
+    std::to_array<EnumName<SkippedWork>>({{SkippedWork::out_of_view, "tag_out_of_view"},
+                                          {SkippedWork::too_small, "tag_too_small"},
+                                          {SkippedWork::within_budget, "pixels_within_budget"},
+                                          {SkippedWork::while_moving, "pixels_while_moving"},
+                                          {SkippedWork::wide_stage, "wide_stage"},
+                                          {SkippedWork::corner_solve, "corner_solve"}});
+
+// Number of skipped tags or alignments of each SkippedWork.
+class SkippedWorkCounts {
+ public:
+  [[nodiscard]] int& operator[](SkippedWork work) {
+    return counts_[static_cast<std::size_t>(work)];
+  }
+  [[nodiscard]] int operator[](SkippedWork work) const {
+    return counts_[static_cast<std::size_t>(work)];
+  }
+
+ private:
+  std::array<int, kSkippedWorkNames.size()> counts_{};
+};
 
 // Times of one frame. A wall time of 0 means that the stage did not run.
 struct TrackTimes {
@@ -22,12 +56,7 @@ struct TrackTimes {
   bool roi_detection = false;   // detection in a region of interest was sufficient
   bool every_pixel = false;     // the final alignment was allowed to use every pixel at an edge
   int samples = 0;              // pixels that the final alignment used
-  // Tags of the map that the final alignment skipped.
-  int tags_out_of_view = 0, tags_too_small = 0;
-  bool sampling_stopped = false;      // the alignment met the error budget before using all pixels
-  bool fewer_pixels = false;          // the alignment used fewer pixels because the view moves
-  bool near_start = false;            // the alignment started near the pose, without the wide stage
-  bool corner_solve_skipped = false;  // tags were detected, but Ceres did not refine their pose
+  SkippedWorkCounts skipped;    // by the final alignment and the corner pose
 };
 
 struct TrackedFrame {

@@ -16,21 +16,22 @@ Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool al
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, const PoseEstimate& pose) {
-  return write(timestamp_ns, pose.status, text_of(pose.reason), pose.T_table_camera);
+  return write(timestamp_ns, pose.status, pose.reason, pose.T_table_camera);
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, const GroupEstimate& group) {
-  return write(timestamp_ns, group.status, text_of(group.reason),
+  return write(timestamp_ns, group.status, group.reason,
                {group.T_table_group.rotation(), group.T_table_group.translation()});
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
-                               const std::string& reason, const CameraPose& pose) {
+                               const PoseReason& reason, const CameraPose& pose) {
   const bool tracked = status == TrackStatus::tracked;
   if (status == TrackStatus::lost || (!tracked && !all_)) return {};
   std::string text;
   if (!tracked) {
-    text = fmt::format("# {}{}{}\n", to_string(status), reason.empty() ? "" : ": ", reason);
+    const std::string why = text_of(reason);
+    text = fmt::format("# {}{}{}\n", to_string(status), why.empty() ? "" : ": ", why);
   }
   return file_.append(text + format_tum({timestamp_ns, pose, {}}) + "\n");
 }

@@ -30,7 +30,7 @@ class PoseWriter {
  private:
   PoseWriter(OutputFile file, bool all) : file_(std::move(file)), all_(all) {}
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, TrackStatus status,
-                                   const std::string& reason, const CameraPose& pose);
+                                   const PoseReason& reason, const CameraPose& pose);
   OutputFile file_;
   bool all_ = false;
 };

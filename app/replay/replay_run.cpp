@@ -347,9 +347,11 @@ Result<void> ReplayLoop::draw(TrackedItem item) {
                setup_.view->draw(std::move(item.tracked), setup_.outputs.frames != nullptr));
   run_.add_frame(done);
   const PoseEstimate& pose = done.tracked.pose;
-  const std::string reason = text_of(pose.reason);
-  log_debug("frame {}: {}{}{}", sequence, to_string(pose.status), reason.empty() ? "" : ": ",
-            reason);
+  if (is_logged(LogLevel::debug)) {
+    const std::string reason = text_of(pose.reason);
+    log_debug("frame {}: {}{}{}", sequence, to_string(pose.status), reason.empty() ? "" : ": ",
+              reason);
+  }
   write(done);
   run_.add_time("frame", watch.elapsed());
 

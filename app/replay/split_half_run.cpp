@@ -34,7 +34,7 @@ struct FullRun {
   std::vector<std::size_t> corner_frames;  // index in `poses` for each element of `corners`
   std::vector<int> frames_seen;            // by tag
   int max_in_view = 0;
-  std::string reason;  // reason of the last frame that is not tracked
+  PoseReason reason;  // reason of the last frame that is not tracked
 };
 
 // Calls `visit(index, frame)` for every frame, until it fails.
@@ -98,7 +98,7 @@ Result<FullRun> track_all_tags(const SplitHalfRequest& request, const Recording&
     std::ignore = watch->observe(result);
     const bool tracked = estimate.status == TrackStatus::tracked;
     run.poses.push_back({frame.timestamp_ns, std::nullopt});
-    if (!tracked) run.reason = text_of(estimate.reason);
+    if (!tracked) run.reason = estimate.reason;
     if (!estimate.has_pose() || estimate.tags_used == 0) return {};
     const MapFromCamera pose = as_map_pose(estimate.T_table_camera);
     const std::vector<std::size_t> in_view = meter.in_view(pose);
@@ -123,7 +123,7 @@ Result<void> check_tags_in_view(const SplitHalfRequest& request, const FullRun& 
   if (run.poses.empty()) return fail("{}: holds no frame", name);
   if (run.max_in_view == 0) {
     return fail("{}: no frame shows its tags: {}; name the right tag map with --tags FILE", name,
-                run.reason.empty() ? "none was found" : run.reason);
+                run.reason.cause == PoseCause::none ? "none was found" : text_of(run.reason));
   }
   if (run.max_in_view >= kMinSplitTags) return {};
   return fail(

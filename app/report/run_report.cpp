@@ -102,20 +102,6 @@ Json groups_json(const std::vector<GroupReport>& groups) {
   return json;
 }
 
-// Turns "predicted error 2.7 px" into "predicted error N px".
-std::string without_numbers(const std::string& reason) {
-  std::string text;
-  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
-  for (std::size_t i = 0; i < reason.size(); ++i) {
-    const bool of_number =
-        is_digit(reason[i]) || (reason[i] == '.' && text.ends_with('N') && i + 1 < reason.size() &&
-                                is_digit(reason[i + 1]));
-    if (!of_number) text.push_back(reason[i]);
-    if (of_number && !text.ends_with('N')) text.push_back('N');
-  }
-  return text;
-}
-
 Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms) {
   Json json = Json::object();
   for (const auto& [stage, summary] : time_ms) json[stage] = json_of(summary);
@@ -221,15 +207,8 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
     offset_px_.add(frame.smoothed->offset_px);
   }
   report_.pixels_sampled += times.samples;
-  const auto skip = [this](const char* what, std::int64_t count) {
-    if (count > 0) report_.tracking_skipped[what] += count;
-  };
-  skip("tag_out_of_view", times.tags_out_of_view);
-  skip("tag_too_small", times.tags_too_small);
-  skip("pixels_within_budget", times.sampling_stopped ? 1 : 0);
-  skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
-  skip("wide_stage", times.near_start ? 1 : 0);
-  skip("corner_solve", times.corner_solve_skipped ? 1 : 0);
+  for (std::size_t i = 0; i < kSkippedWorkNames.size(); ++i)
+    report_.tracking_skipped[i] += times.skipped[kSkippedWorkNames[i].value];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
   if (times.search_used) ++report_.full_detections;  // counts the background search
@@ -265,12 +244,10 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const PoseReason& reason) {
-  constexpr std::size_t kMaxKinds = 64;  // bound; about twelve occur
-  const std::string general = without_numbers(text_of(reason));
-  const bool other =
-      general.empty() || (reasons_.size() >= kMaxKinds && !reasons_.contains(general));
-  ReasonCount& count = reasons_[other ? "other" : general];
-  if (count.frames++ == 0 && !other) count.first = reason;
+  auto known = std::ranges::find_if(
+      reasons_, [&](const ReasonCount& count) { return is_same_kind(count.first, reason); });
+  if (known == reasons_.end()) known = reasons_.insert(known, {reason});
+  ++known->frames;
 }
 
 void RunRecorder::add_tracked(const SessionFrame& frame) {
@@ -344,9 +321,8 @@ RunReport RunRecorder::report() const {
     report.smoothing->offset_px = offset_px_.statistics();
     if (lag_) report.smoothing->measured_lag_ms = lag_->lag_ms();
   }
-  report.reasons.assign(reasons_.begin(), reasons_.end());
-  std::ranges::stable_sort(report.reasons, std::greater(),
-                           [](const auto& reason) { return reason.second.frames; });
+  report.reasons = reasons_;
+  std::ranges::stable_sort(report.reasons, std::greater(), &ReasonCount::frames);
   report.work = work();
   for (const auto& [reason, count] : skipped_) report.skipped[std::string(key_of(reason))] += count;
   for (const auto& [reason, count] : kept_) report.kept[std::string(key_of(reason))] += count;
@@ -427,9 +403,15 @@ std::string report_json(const RunReport& report) {
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},
       {"not_tracked", Json::object()},
-      {"skipped", counts_json(report.tracking_skipped)}};
-  for (const auto& [general, count] : report.reasons)
-    json["tracking"]["not_tracked"][general] = count.frames;
+      {"skipped", Json::object()}};
+  for (std::size_t i = 0; i < kSkippedWorkNames.size(); ++i) {
+    if (const std::int64_t count = report.tracking_skipped[i]; count > 0)
+      json["tracking"]["skipped"][kSkippedWorkNames[i].name] = count;
+  }
+  for (const auto& [reason, frames] : report.reasons) {
+    const std::string text = general_text_of(reason);
+    json["tracking"]["not_tracked"][text.empty() ? "other" : text] = frames;
+  }
   add_rejected_tags(json["tracking"], report);
   if (const auto& fault = report.image_fault) {
     json["tracking"]["image_fault"] = to_string(*fault);
@@ -570,7 +552,7 @@ std::string stage_label(const std::string& stage) {
 // Returns true if no frame was tracked and the main reason is that no pose fits the detected tags.
 bool tags_fit_no_pose(const RunReport& report) {
   if (report.frames_tracked > 0 || report.reasons.empty()) return false;
-  const PoseCause cause = report.reasons.front().second.first.cause;
+  const PoseCause cause = report.reasons.front().first.cause;
   return cause == PoseCause::inconsistent_tags || cause == PoseCause::misfit;
 }
 
@@ -651,12 +633,12 @@ std::string report_table(const RunReport& report) {
                                  report.interrupted ? " (interrupted)" : "");
   text += status_text(report);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
-    const auto& [general, count] = report.reasons[i];
-    const std::string first = text_of(count.first);
-    const std::string& reason = first.empty() ? general : first;
-    text += fmt::format("not tracked: {} (in {} frame{}{})\n", reason, count.frames,
-                        count.frames == 1 ? "" : "s",
-                        count.frames > 1 && reason != general ? "; values of the first" : "");
+    const auto& [first, frames] = report.reasons[i];
+    const std::string reason = text_of(first);
+    text +=
+        fmt::format("not tracked: {} (in {} frame{}{})\n", reason.empty() ? "other" : reason,
+                    frames, frames == 1 ? "" : "s",
+                    frames > 1 && reason != general_text_of(first) ? "; values of the first" : "");
   }
   const bool misfit = tags_fit_no_pose(report);
   if (misfit) {

@@ -91,8 +91,8 @@ struct RecordedFrames {
 
 // Count of untracked frames whose reasons are equal except for the numbers in them.
 struct ReasonCount {
-  std::int64_t frames = 0;
   PoseReason first;  // the reason with the numbers of the first frame
+  std::int64_t frames = 0;
 };
 
 struct RunReport : TrackingCounts, WorkReport {
@@ -108,9 +108,8 @@ struct RunReport : TrackingCounts, WorkReport {
   int frames = 0;                                  // processed
   int frames_captured = 0, frames_dropped = 0;
   int frames_damaged = 0;  // dropped because undecodable; other dropped frames came too late
-  // Reasons why frames were not tracked, in descending order of frequency. The key is the reason
-  // with its numbers replaced by N.
-  std::vector<std::pair<std::string, ReasonCount>> reasons;
+  // Reasons why frames were not tracked, in descending order of frequency.
+  std::vector<ReasonCount> reasons;
   bool interrupted = false;
   // Error that ended the run early or closed an output. Other fields are valid up to this moment.
   std::optional<Error> failure;
@@ -127,9 +126,9 @@ struct RunReport : TrackingCounts, WorkReport {
   int box_detections = 0;           // frames with ROI detection
   int tracked_updates = 0;          // frames measured without detection
   std::int64_t pixels_sampled = 0;  // pixels sampled by alignments
-  // Work that the tracker skipped. --no-skip does not apply, because this work would change the
-  // poses (skipped tags would not).
-  std::map<std::string, std::int64_t> tracking_skipped;
+  // Work that the tracker skipped, in the order of kSkippedWorkNames. --no-skip does not apply,
+  // because this work would change the poses (skipped tags would not).
+  std::array<std::int64_t, kSkippedWorkNames.size()> tracking_skipped{};
   std::map<std::string, std::int64_t> camera_faults;
   std::optional<RecordedFrames> recorded;  // live only; nullopt if nothing was recorded
   int threads = 1;
@@ -192,7 +191,7 @@ class RunRecorder {
   RunningStatistics lag_ms_, offset_px_;  // over frames drawn with a smoothed pose
   std::optional<LagMeter> lag_;           // over the tracked frames among these
   std::vector<Group> groups_;
-  std::map<std::string, ReasonCount> reasons_;
+  std::vector<ReasonCount> reasons_;
   RenderCounters work_;
   std::map<SkipReason, std::int64_t> skipped_;
   std::map<KeepReason, std::int64_t> kept_;

@@ -27,7 +27,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
     tracked.pose.status = TrackStatus::tracked;
     tracked.pose.T_table_camera = given->T_table_camera;
   } else {
-    tracked.pose.reason = not_measured("no pose given for this time");
+    tracked.pose.reason = {PoseCause::no_given_pose};
   }
   for (const std::string& name : groups) {
     GroupEstimate& group = tracked.groups.emplace_back();
@@ -39,7 +39,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
       group.T_table_group = {pose->T_table_camera.rotation(), pose->T_table_camera.translation()};
     } else {
       group.status = TrackStatus::lost;
-      group.reason = not_measured("no place given for this time");
+      group.reason = {PoseCause::no_given_place};
     }
   }
   const StageTime time = watch.elapsed();

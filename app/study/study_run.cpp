@@ -224,7 +224,7 @@ class StudyLoop {
                          (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
     if (!visible) {  // a lost pose: the image is drawn without objects
       tracked.pose.status = TrackStatus::lost;
-      tracked.pose.reason = not_measured("no trial is shown");
+      tracked.pose.reason = {PoseCause::no_trial};
     }
     PENUMBRA_TRY_VOID(session_.draw(std::move(tracked)));
     if (context_.window_size().width > 0) {

@@ -22,7 +22,7 @@ std::optional<TrackedFrame> StallDisplay::frame_to_show(std::int64_t stall_ns) {
   // This is the last drawing of the frame. Releases its buffer, because a driver that lost its
   // camera needs all buffers back before it accepts the camera again.
   if (gone) last_.reset();
-  tracked.pose.reason = not_measured("no complete frame from the camera");
+  tracked.pose.reason = {PoseCause::no_complete_frame};
   return tracked;
 }
 

@@ -58,19 +58,16 @@ bool is_located(const PoseEstimate& pose) {
            (cause == PoseCause::inconsistent_tags || cause == PoseCause::uncertain_map)));
 }
 
-// Names the causes that are significant, or else those that are possible.
-std::string names_of(const ResidualCauses& causes) {
-  constexpr std::array<std::string_view, kErrorCauses> kNames = {"tag map", "lens", "row time"};
-  std::string significant;
-  std::string possible;
-  for (std::size_t i = 0; i < kErrorCauses; ++i) {
-    const CauseEvidence& evidence = causes.evidence[i];
-    if (evidence.significant)
-      significant += fmt::format("{}{}", significant.empty() ? "" : ", ", kNames[i]);
-    if (evidence.possible)
-      possible += fmt::format("{}{}", possible.empty() ? "" : " or ", kNames[i]);
-  }
-  return significant.empty() ? possible : significant;
+// Returns the causes that are significant, or else those that are possible.
+Suspects suspects_of(const ResidualCauses& causes) {
+  const auto all = [&](bool CauseEvidence::*kind) {
+    const auto is = [&](ErrorCause cause) { return causes.of(cause).*kind; };
+    return Suspects{is(ErrorCause::paper), is(ErrorCause::lens), is(ErrorCause::shutter)};
+  };
+  Suspects significant = all(&CauseEvidence::significant);
+  if (significant == Suspects{}) return all(&CauseEvidence::possible);
+  significant.certain = true;
+  return significant;
 }
 
 }  // namespace
@@ -149,7 +146,7 @@ std::vector<std::string> ResidualWatch::test() {
   // Few frames may fail to confirm what fewer frames have shown.
   if (!any && frames_.size() < kDecisiveFrames) return {};
   error_px_ = any ? causes.pose_px : 0.0;
-  error_text_ = names_of(causes);
+  suspects_ = suspects_of(causes);
   map_sigma_m_ = any && causes.of(ErrorCause::paper).significant
                      ? std::hypot(causes.sizes.off_flat_m, causes.sizes.in_plane_m) / std::sqrt(3.0)
                      : 0.0;
@@ -178,7 +175,7 @@ std::vector<std::string> ResidualWatch::new_notices(const ResidualCauses& causes
       "about {:.1f} px; the {} seems wrong: --refine-map with --refine-camera of replay or live, "
       "or "
       "penumbra map --refine-camera",
-      causes.rms_px, causes.pose_px, error_text_));
+      causes.rms_px, causes.pose_px, text_of(suspects_)));
   return notices;
 }
 
@@ -188,7 +185,9 @@ void ResidualWatch::add_error(PoseEstimate& pose) const {
   if (pose.status != TrackStatus::tracked || pose.predicted_overlay_error_px < kTrackedOverlay_px)
     return;
   pose.status = TrackStatus::uncertain;
-  pose.reason = {PoseCause::systematic_error, pose.predicted_overlay_error_px, error_text_};
+  pose.reason = {.cause = PoseCause::systematic_error,
+                 .error_px = pose.predicted_overlay_error_px,
+                 .suspects = suspects_};
 }
 
 std::optional<ResidualCauses> ResidualWatch::found() const {

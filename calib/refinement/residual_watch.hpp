@@ -77,7 +77,7 @@ class ResidualWatch {
   std::vector<std::uint8_t> scratch_;
   double error_px_ = 0.0;     // overlay error of the causes that were found
   double map_sigma_m_ = 0.0;  // see map_sigma_m()
-  std::string error_text_;    // names them
+  Suspects suspects_;         // their causes
   std::optional<ResidualCauses> latest_causes_;
   mutable std::mutex mutex_;  // guards found_: another thread tracks the frames
   std::optional<ResidualCauses> found_;

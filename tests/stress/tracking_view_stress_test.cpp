@@ -121,8 +121,8 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
       const TagsInView in_view = tags_in_view(now, now.truth(f), 4.0);
       EXPECT_GE(frame.pose.tags_used, in_view.inside);
       const int far_out = tags_in_view(now, now.truth(f), 40.0).outside;
-      EXPECT_GE(frame.times.tags_out_of_view, far_out);
-      EXPECT_LE(frame.times.tags_out_of_view, 12 - in_view.inside);
+      EXPECT_GE(frame.times.skipped[SkippedWork::out_of_view], far_out);
+      EXPECT_LE(frame.times.skipped[SkippedWork::out_of_view], 12 - in_view.inside);
       out = std::max(out, far_out);
       fewest = std::min(fewest, in_view.inside);
       max_tags_used = std::max(max_tags_used, frame.pose.tags_used);

@@ -229,8 +229,8 @@ bool BoardPose::is_ambiguous(double ratio) const {
   return difference < kChiSquare * noise * noise;
 }
 
-Result<BoardPose> estimate_board_pose(const CameraModel& camera,
-                                      std::span<const TagObservation> tags) {
+tl::expected<BoardPose, PoseCause> estimate_board_pose(const CameraModel& camera,
+                                                       std::span<const TagObservation> tags) {
   Tags used;
   for (const TagObservation& tag : tags) {
     const bool finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
@@ -239,10 +239,10 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
                                     [](const Eigen::Vector3d& p) { return p.allFinite(); });
     if (finite) used.push_back(tag);
   }
-  if (used.empty()) return fail("no tag of the table was found");
+  if (used.empty()) return tl::unexpected(PoseCause::no_tag);
 
   Agreement found = reject_outliers(camera, std::move(used));
-  if (found.minima.empty()) return fail("the corners in view do not determine a pose");
+  if (found.minima.empty()) return tl::unexpected(PoseCause::undetermined);
   BoardPose result;
   result.best = found.minima.front();
   result.inconsistent =

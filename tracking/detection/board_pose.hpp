@@ -10,6 +10,7 @@
 
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
+#include "core/geometry/tracking_reasons.hpp"
 #include "core/geometry/transform.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 
@@ -38,9 +39,10 @@ struct BoardPose {
   [[nodiscard]] bool is_ambiguous(double ratio) const;
 };
 
-// Fails, with a short reason, if there are no usable tags or the corners do not determine a pose.
-[[nodiscard]] Result<BoardPose> estimate_board_pose(const CameraModel& camera,
-                                                    std::span<const TagObservation> tags);
+// Fails with PoseCause::no_tag if there are no usable tags, and with PoseCause::undetermined if the
+// corners do not determine a pose.
+[[nodiscard]] tl::expected<BoardPose, PoseCause> estimate_board_pose(
+    const CameraModel& camera, std::span<const TagObservation> tags);
 
 // Refines the poses of estimate_board_pose() with Ceres.
 void finish_by_ceres(const CameraModel& camera, BoardPose& pose);

@@ -62,7 +62,7 @@ Method libapriltag_of(const test::RecordedSession& session, float quad_decimate)
       if (tag != nullptr && tag->group == kTableGroup)
         observations.push_back({tag->id, tag->corners(), seen.corners_px});
     }
-    const Result<BoardPose> board = estimate_board_pose(session.camera, observations);
+    const auto board = estimate_board_pose(session.camera, observations);
     if (!board) return std::nullopt;
     return as_table_pose(board->best.T_map_camera);
   };

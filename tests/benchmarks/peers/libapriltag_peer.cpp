@@ -34,7 +34,7 @@ class Libapriltag : public Peer {
       if (tag != nullptr && tag->group == "table")
         observations.push_back({tag->id, tag->corners(), detection.corners_px});
     }
-    const Result<BoardPose> board = estimate_board_pose(camera_, observations);
+    const auto board = estimate_board_pose(camera_, observations);
     if (!board) return std::nullopt;
     return as_table_pose(board->best.T_map_camera);
   }

@@ -101,7 +101,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
         observations.push_back({tag->id, tag->corners(), detection.corners_px});
     }
     std::vector<PointObservation> corners;
-    const Result<BoardPose> board = estimate_board_pose(footage.camera, observations);
+    const auto board = estimate_board_pose(footage.camera, observations);
     if (board && !board->inconsistent) {
       for (const TagObservation& observation : observations) {
         if (std::count(board->rejected.begin(), board->rejected.end(), observation.index) > 0)

@@ -16,13 +16,14 @@ namespace {
 TEST(Hud, DistinguishesStatusByWordAndColour) {
   std::set<std::array<float, 3>> colors;
   PoseEstimate pose;
-  pose.reason = not_measured("no tag seen");
+  pose.reason = {PoseCause::no_tag};
   for (const TrackStatus status :
        {TrackStatus::tracked, TrackStatus::uncertain, TrackStatus::held, TrackStatus::lost}) {
     pose.status = status;
     const HudStatus shown = status_of(pose);
     EXPECT_THAT(shown.text, testing::StartsWith(std::string(to_string(status))));
-    EXPECT_EQ(shown.text.find("no tag seen") != std::string::npos, status != TrackStatus::tracked);
+    EXPECT_EQ(shown.text.find("no tag of the table") != std::string::npos,
+              status != TrackStatus::tracked);
     colors.insert({shown.color.red, shown.color.green, shown.color.blue});
   }
   EXPECT_EQ(colors.size(), 4U);
@@ -47,7 +48,7 @@ TEST(Hud, PrefixesGroupStatusWithItsName) {
   EXPECT_EQ(status_of(group).text, "wall: tracked");
   group.status = TrackStatus::held;
   group.age_s = 0.25;
-  group.reason = not_measured("not seen");
+  group.reason = {PoseCause::group_not_seen};
   EXPECT_EQ(status_of(group).text, "wall: held 0.25 s: not seen");
 }
 

@@ -228,7 +228,7 @@ PoseEstimate pose_of(TrackStatus status) {
   PoseEstimate pose;
   pose.status = status;
   pose.T_table_camera = CameraPose(Eigen::Quaterniond(0.5, 0.5, -0.5, 0.5), {0.1, -0.2, 0.7});
-  if (status != TrackStatus::tracked) pose.reason = not_measured("one tag");
+  if (status != TrackStatus::tracked) pose.reason = {PoseCause::two_poses};
   return pose;
 }
 
@@ -259,8 +259,8 @@ TEST(PoseWriter, WritesAllPosesWithCommentsWhenRequested) {
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(read->poses.size(), 3U);
   EXPECT_THAT(text_of(folder.path() / "a.tum"),
-              testing::AllOf(testing::HasSubstr("# uncertain: one tag\n1.033000000 "),
-                             testing::HasSubstr("# held: one tag\n1.066000000 ")));
+              testing::AllOf(testing::HasSubstr("# uncertain: two poses fit\n1.033000000 "),
+                             testing::HasSubstr("# held: two poses fit\n1.066000000 ")));
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ HudState busy_state() {
   state.has_image = true;
   state.frame = 117;
   state.pose.status = TrackStatus::uncertain;
-  state.pose.reason = not_measured("two poses explain the image");
+  state.pose.reason = {PoseCause::two_poses};
   state.pose.tags_used = 12;
   state.pose.reprojection_rms_px = 0.213;
   state.pose.predicted_overlay_error_px = 2.61;

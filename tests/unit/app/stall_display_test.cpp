@@ -36,7 +36,7 @@ TEST(StallDisplay, CoastsPoseThenLosesIt) {
     EXPECT_EQ(early->pose.held_from, before) << "fading must start at the previous opacity";
     EXPECT_DOUBLE_EQ(early->pose.age_s, 0.1);
     EXPECT_EQ(early->pose.tags_used, 0) << "no tag is measured in a stale image";
-    EXPECT_EQ(early->pose.reason.cause, PoseCause::not_measured);
+    EXPECT_EQ(early->pose.reason.cause, PoseCause::no_complete_frame);
     EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "a lost group must stay lost";
     const auto again = display.frame_to_show(200 * kMs);
     ASSERT_TRUE(again);

@@ -59,12 +59,12 @@ TEST(FramePlan, DrawsNothingWithoutPose) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0, 0.1));
   PoseEstimate lost;
-  lost.reason = not_measured("no tag found");
+  lost.reason = {PoseCause::no_tag};
   const FramePlan plan = plan_of(builder, lost);
   EXPECT_FALSE(plan.has_pose);
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
   EXPECT_THAT(skip_names(plan), testing::ElementsAre("no_pose"));
-  EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "overlay: no tag found");
+  EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "overlay: no pose");
 
   PoseEstimate broken = above();
   broken.T_table_camera =

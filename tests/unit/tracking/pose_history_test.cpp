@@ -34,7 +34,7 @@ TEST(PoseHistory, PredictsNothingBeforeFirstPose) {
   history.begin_frame(kFrame_ns);
   EXPECT_FALSE(history.predict(kFrame_ns));
   EXPECT_EQ(history.frame_interval_s(), 0.0);
-  EXPECT_EQ(history.coast(test::wide_camera(), kFrame_ns, 0.5, not_measured("none")).status,
+  EXPECT_EQ(history.coast(test::wide_camera(), kFrame_ns, 0.5, {PoseCause::no_tag}).status,
             TrackStatus::lost);
 }
 
@@ -84,13 +84,13 @@ TEST(PoseHistory, DerivesNoMotionFromAmbiguousPoses) {
 TEST(PoseHistory, CoastsWithGrowingErrorUntilHoldTime) {
   const PoseHistory history = steady_history(2);
   const CameraModel camera = test::wide_camera();
-  const MapPoseEstimate soon = history.coast(camera, 3 * kFrame_ns, 0.1, not_measured("hidden"));
-  const MapPoseEstimate later = history.coast(camera, 4 * kFrame_ns, 0.1, not_measured("hidden"));
+  const MapPoseEstimate soon = history.coast(camera, 3 * kFrame_ns, 0.1, {PoseCause::no_tag});
+  const MapPoseEstimate later = history.coast(camera, 4 * kFrame_ns, 0.1, {PoseCause::no_tag});
   EXPECT_EQ(soon.status, TrackStatus::held);
   EXPECT_EQ(soon.held_from, TrackStatus::tracked);
-  EXPECT_EQ(text_of(soon.reason), "hidden");
+  EXPECT_EQ(soon.reason.cause, PoseCause::no_tag);
   EXPECT_GT(later.predicted_overlay_error_px, soon.predicted_overlay_error_px);
-  EXPECT_EQ(history.coast(camera, 6 * kFrame_ns, 0.1, not_measured("hidden")).status,
+  EXPECT_EQ(history.coast(camera, 6 * kFrame_ns, 0.1, {PoseCause::no_tag}).status,
             TrackStatus::lost);
 }
 
