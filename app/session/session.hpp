@@ -34,7 +34,7 @@ struct GivenPoses {
 };
 using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
-// What recorded view changes (ViewChanged) do not change, because an option of replay chose it.
+// View settings that options of replay chose; recorded changes (ViewChanged) leave them as they are.
 struct ChosenView {
   bool translucency = false, walls = false, smooth = false;
 };
