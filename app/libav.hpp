@@ -71,6 +71,7 @@ extern "C" {
   FUNCTION(avformat, av_write_trailer)               \
   FUNCTION(avformat, avformat_alloc_output_context2) \
   FUNCTION(avformat, avformat_close_input)           \
+  FUNCTION(avformat, avformat_find_stream_info)      \
   FUNCTION(avformat, avformat_free_context)          \
   FUNCTION(avformat, avformat_new_stream)            \
   FUNCTION(avformat, avformat_open_input)            \

@@ -143,7 +143,7 @@ class ImageChecker {
   // Returns false if the capture should end.
   [[nodiscard]] Result<bool> check_image(const NamedImage& image) {
     ++images_checked_;
-    if (!image.notice.empty()) log_warning("{}", image.notice);
+    for (const std::string& notice : image.notices) log_warning("{}", notice);
     if (image.luma.empty()) {
       calibrator_.add_unreadable(image.name, image.unreadable);
       ++reasons_["can't be read"];

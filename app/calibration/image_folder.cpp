@@ -44,14 +44,15 @@ Result<void> each_file(const std::filesystem::path& source,
   for (std::size_t i = 0; i < files.size(); ++i) {
     NamedImage image;
     if (i == 0 && depth.reduced()) {
-      image.notice = fmt::format("{}: {}", source.string(), depth.text());
+      image.notices.push_back(fmt::format("{}: {}", source.string(), depth.text()));
     }
     image.name = files[i].filename().string();
     image.index = static_cast<int>(i);
     image.count = static_cast<int>(files.size());
     if (!times_ns.empty()) image.timestamp_ns = times_ns[i];
     const Result<Frame> frame = load_image(files[i], clamps.options());
-    if (auto warning = clamps.take_warning(files[i].string())) image.notice = std::move(*warning);
+    if (auto warning = clamps.take_warning(files[i].string()))
+      image.notices.push_back(std::move(*warning));
     if (frame) {
       image.frame = *frame;
       image.luma = luma(*frame, scratch);
@@ -73,11 +74,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
     return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
                 source.string());
   }
-  if (!std::filesystem::is_directory(source, ignored)) {
-    return fail("{}: is not a folder; give a recording or a folder of PNG or JPEG images",
-                source.string());
-  }
-  if (!is_recording(source)) {
+  if (std::filesystem::is_directory(source, ignored) && !is_recording(source)) {
     PENUMBRA_TRY(const auto files, image_files_in(source));
     if (files.empty())
       return fail("{}: holds no PNG or JPEG images; put those of the target there",
@@ -104,6 +101,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
     NamedImage image;
     image.name = fmt::format("frame {}", frame->sequence);
     image.index = i;
+    if (i == 0) image.notices = recording.notices;
     image.count = frames->frame_count().value_or(0);
     image.frame = *frame;
     image.timestamp_ns = frame->timestamp_ns;

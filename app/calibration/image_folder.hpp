@@ -21,7 +21,7 @@ struct NamedImage {
   std::optional<std::int64_t> timestamp_ns;  // if the source is a recording or a camera
   ImageView luma;                            // luma plane of `frame`
   std::string unreadable;                    // error message if the image can't be read
-  std::string notice;  // warning about the decoding; each kind is set for one image only
+  std::vector<std::string> notices;          // warnings; each one is set for one image only
 };
 
 // Calls `visit` for every image in order until it returns false or an error. Ignores camera.yaml,

@@ -147,7 +147,7 @@ Result<void> read_images(const CalibrateOptions& options, const std::optional<Ca
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
   PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& image) -> Result<bool> {
-    if (!image.notice.empty()) log_warning("{}", image.notice);
+    for (const std::string& notice : image.notices) log_warning("{}", notice);
     if (!progress) progress.emplace(image.count, "images");
     if (image.luma.empty()) {
       calibrator.add_unreadable(image.name, image.unreadable);
@@ -393,7 +393,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
 void check_options(CLI::App& command, CalibrateOptions& options) {
   claim_outputs(command, {"--output", "--report"});
   const std::array outputs = {options.output, options.report};
-  const std::array inputs = {options.target, options.compare};
+  const std::array inputs = {options.source, options.target, options.compare};
   if (const auto once = check_written_once(outputs, inputs); !once)
     usage_error("--output", "{}", once.error().message);
   options.camera.source = options.source.string();
@@ -427,8 +427,8 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
                   "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml "
                   "--keep views");
   const auto options = std::make_shared<CalibrateOptions>();
-  add_option(command, "SOURCE", "FOLDER|CAMERA", options->source,
-             "A recording, a folder of images, or a camera as in penumbra live")
+  add_option(command, "SOURCE", "FOLDER|VIDEO|CAMERA", options->source,
+             "A recording, a folder of images, a video file, or a camera as in penumbra live")
       ->required();
   add_option(command, "--target", "FILE", options->target,
              "Target: tags.yaml, aprilgrid.yaml, chessboard.yaml, or as penumbra target wrote")

@@ -260,8 +260,8 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");
   const auto options = std::make_shared<MapOptions>();
-  add_option(command, "RECORDING", "FOLDER", options->recording,
-             "Recording; a tags.yaml in it is not read")
+  add_option(command, "RECORDING", "FOLDER|VIDEO", options->recording,
+             "Recording or video file; a tags.yaml in it is not read")
       ->required();
   CLI::Option* size = add_option(command, "--tag-size", "METRES", options->survey.tag_size_m,
                                  "Edge of every tag's black square [m]")
@@ -289,9 +289,12 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
     claim_outputs(command, {"--output", "--refine-camera"});
     if (size->count() == 0 && sizes->count() == 0)
       usage_error("--tag-size", "give the tags' size, or --sizes FILE");
+    std::error_code ignored;
+    if (options->camera.empty() && std::filesystem::is_regular_file(options->recording, ignored))
+      usage_error("--camera", "is required: a video has no camera file");
     if (options->camera.empty()) options->camera = options->recording / "camera.yaml";
     const std::array outputs = {options->output, options->refined_camera};
-    const std::array inputs = {options->sizes, options->camera};
+    const std::array inputs = {options->recording, options->sizes, options->camera};
     if (const auto once = check_written_once(outputs, inputs); !once)
       usage_error("--output", "{}", once.error().message);
     if (!tag_family_from_string(options->family))

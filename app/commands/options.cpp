@@ -268,6 +268,18 @@ CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
                     "Which camera, if the file has several (of Kalibr, OpenCV stereo)");
 }
 
+void add_frames_option(CLI::App& command, FrameRange& frames) {
+  const auto set_frames = [&frames](const std::string& text) {
+    const auto range = parse_frame_range(text);
+    if (!range) {
+      usage_error("--frames", "{}: is not a range A:B with A < B (half open: A to B - 1)", text);
+    }
+    frames = *range;
+  };
+  add_text_option(command, "--frames", "A:B", set_frames,
+                  "Only frames numbered A to B - 1; either may be omitted");
+}
+
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
                      std::optional<int>& height, const std::string& description) {
   const auto set_value = [&width, &height](std::string_view text) {

@@ -16,6 +16,8 @@
 #include <utility>
 #include <vector>
 
+#include "app/live/live_camera.hpp"
+#include "app/recording/recording_source.hpp"
 #include "app/run/run_request.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/pairing.hpp"
@@ -49,6 +51,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen);
 void add_map_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
+void add_import_command(CLI::App& program, ChosenCommand& chosen);
 void add_study_command(CLI::App& program, ChosenCommand& chosen);
 
 // Reports wrong usage of an option by throwing CLI::ValidationError.
@@ -173,6 +176,7 @@ inline constexpr const char* kCalibrationMissing =
 // Rejects a value of --camera that is not a camera.
 void check_camera_source(const std::string& source);
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
+void add_frames_option(CLI::App& command, FrameRange& frames);
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
                      std::optional<int>& height, const std::string& description);
 CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps);

@@ -105,7 +105,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   const auto options = std::make_shared<ReplayOptions>();
   ReplayRequest& request = options->request;
 
-  add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
+  add_option(command, "RECORDING", "FOLDER|VIDEO", request.recording,
+             "The recording: a folder, or a video file")
+      ->required();
   add_scene_option(command, request,
                    "Scene to draw (default: the recording's, else the program's own)");
   add_object_option(command, request.objects);
@@ -131,15 +133,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   add_poses_from_option(command, request.poses_from)->excludes(smooth)->excludes(refine);
   add_output_options(command, request);
   start_group(command, "Input");
-  const auto set_frames = [&request](const std::string& text) {
-    const auto range = parse_frame_range(text);
-    if (!range) {
-      usage_error("--frames", "{}: is not a range A:B with A < B (half open: A to B - 1)", text);
-    }
-    request.frames = *range;
-  };
-  add_text_option(command, "--frames", "A:B", set_frames,
-                  "Only frames numbered A to B - 1; either may be omitted");
+  add_frames_option(command, request.frames);
   command.add_flag("--realtime", request.realtime,
                    "At the pace it was recorded (always so in a window)");
   add_off_flag(command, "--no-edits", request.edits, "Ignore the edits that were recorded");

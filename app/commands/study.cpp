@@ -150,9 +150,9 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::Option* camera = add_option(command, "--camera", "CAMERA", request.camera.source,
                                    "Work on the images of a camera, as in penumbra live")
                             ->excludes(recording);
-  CLI::Option* calibration = add_option(command, "--calibration", "camera.yaml",
-                                        request.camera.calibration, "The camera's model")
-                                 ->needs(camera);
+  CLI::Option* calibration =
+      add_option(command, "--calibration", "camera.yaml", request.camera.calibration,
+                 "The camera's model (default: the recording's)");
   add_camera_name_option(command, request.camera.camera_name)->needs(calibration);
   add_fps_option(command, request.camera.fps)->needs(camera);
   add_option(command, "--tags", "FILE.yaml", request.tags,
@@ -182,6 +182,10 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
       check_camera_source(chosen_request.camera.source);
       if (chosen_request.camera.calibration.empty())
         usage_error("--calibration", kCalibrationMissing);
+    }
+    if (command.count("--calibration") > 0 && !chosen_request.from_camera &&
+        command.count("--recording") == 0) {
+      usage_error("--calibration", "is for --camera or --recording; name one of them");
     }
     if (chosen_request.from_camera && chosen_request.poses_from) {
       usage_error("--poses-from", "is for recordings; a camera is tracked");

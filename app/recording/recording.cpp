@@ -8,6 +8,7 @@
 #include <iterator>
 #include <system_error>
 
+#include "app/recording/compressed_video.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/recording/video_reader.hpp"
 #include "app/run_inputs.hpp"
@@ -374,6 +375,39 @@ void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recordi
   recording.groundtruth = std::move(*truth);
 }
 
+// Loads the camera and the tags of a video file, which are always given by options.
+Result<void> load_metadata_of_video(const OpenRecordingOptions& options, Recording& recording) {
+  if (!options.with_metadata) return {};
+  const std::string name = recording.folder.string();
+  if (options.camera) {
+    PENUMBRA_TRY(auto loaded, load_camera_file(*options.camera, options.camera_name));
+    std::ranges::move(loaded.warnings, std::back_inserter(recording.notices));
+    recording.camera = std::move(loaded.camera);
+    recording.camera_file = *options.camera;
+  } else if (options.require_camera) {
+    return fail("{}: a video has no camera file; give one (penumbra calibrate makes it)", name);
+  }
+  if (options.tags) {
+    PENUMBRA_TRY(recording.tags, load_tag_map(*options.tags));
+  } else if (options.require_tags) {
+    return fail("{}: a video has no tag map; give one (--tags)", name);
+  }
+  return {};
+}
+
+Result<void> list_video_file(Recording& recording) {
+  recording.video = recording.folder;
+  PENUMBRA_TRY(auto listing, CompressedVideo::list(recording.video));
+  std::ranges::move(listing.notices, std::back_inserter(recording.notices));
+  recording.video_offset_ns = listing.offset_ns;
+  for (const std::int64_t time_ns : listing.times_ns) {
+    RecordedFrame& frame = recording.frames.emplace_back();
+    frame.number = static_cast<int>(recording.frames.size()) - 1;
+    frame.timestamp_ns = time_ns;
+  }
+  return {};
+}
+
 Result<void> load_metadata(const std::filesystem::path& folder, const std::filesystem::path& sensor,
                            const OpenRecordingOptions& options, Recording& recording) {
   if (!options.with_metadata) return {};
@@ -451,14 +485,15 @@ bool is_recording(const std::filesystem::path& folder) {
 Result<Recording> open_recording(const std::filesystem::path& folder,
                                  const OpenRecordingOptions& options) {
   if (!file_exists(folder)) return fail("{}: no such recording", folder.string());
-  if (!is_folder(folder)) {
-    return fail("{}: is not a folder; a recording is a folder with frames/ or video.mkv",
-                folder.string());
-  }
   PENUMBRA_TRY_VOID(check_readable(folder));
   Recording recording;
   recording.folder = folder;
   recording.name = name_of(folder);
+  if (!is_folder(folder)) {
+    PENUMBRA_TRY_VOID(list_video_file(recording));
+    PENUMBRA_TRY_VOID(load_metadata_of_video(options, recording));
+    return recording;
+  }
 
   const std::filesystem::path cam0 = folder / "mav0" / "cam0";
   const bool euroc = file_exists(cam0 / "data.csv") && !file_exists(folder / "timestamps.csv");

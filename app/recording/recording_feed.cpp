@@ -9,7 +9,7 @@
 #include "app/capture/camera_jpeg.hpp"
 #include "app/capture/clocks.hpp"
 #include "app/logging.hpp"
-#include "app/recording/video_reader.hpp"
+#include "app/recording/recorded_video.hpp"
 #include "core/image/sample_depth.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -24,20 +24,22 @@ using Clock = std::chrono::steady_clock;
 class RecordingFeed final : public LiveSource {
  public:
   RecordingFeed(const Recording& recording, StreamFormat format, PixelFormat pixels)
-      : name_(recording.name),
-        frames_(recording.frames),
-        video_file_(recording.video),
+      : recording_(recording),
         clamps_(recording.sample_bits),
         format_(std::move(format)),
         pixels_(pixels),
         interval_(nanoseconds(format_.interval_s)),
-        faults_(name_) {}
+        faults_(recording.name) {}
 
   // Skips and counts images that can't be read or have another size or format than the first one.
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
       // Number of the next frame, or of a later frame that is already due.
+      // A video decodes every frame, so it plays slower instead of dropping frames.
+      if (recording_.is_video_file()) {
+        *start_ = std::max(*start_, Clock::now() - static_cast<std::int64_t>(next_) * interval_);
+      }
       const auto elapsed = Clock::now() - *start_;
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
@@ -60,11 +62,11 @@ class RecordingFeed final : public LiveSource {
       image.sequence = sequence;
       image.timestamp_ns = due.time_since_epoch() / std::chrono::nanoseconds(1);
       image.utc_ns = utc_at(image.timestamp_ns);
-      const std::size_t index = sequence % frames_.size();
-      image.exposure_s = frames_[index].exposure_s;
-      if (!(video_file_.empty()
-                ? take(frames_[index].file, image)
-                : accept_frame(frame_of_video(index), video_file_.string(), image))) {
+      const std::size_t index = sequence % recording_.frames.size();
+      image.exposure_s = recording_.frames[index].exposure_s;
+      if (!(recording_.video.empty()
+                ? take(recording_.frames[index].file, image)
+                : accept_frame(frame_of_video(index), recording_.video.string(), image))) {
         continue;
       }
       faults_.count_frame();
@@ -83,8 +85,8 @@ class RecordingFeed final : public LiveSource {
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::string_view damage_remedy() const override { return kRecordAgain; }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("recording {} as a camera, {} {}x{} at {:.4g}/s", name_, format_.name,
-                       format_.width, format_.height, 1.0 / format_.interval_s);
+    return fmt::format("recording {} as a camera, {} {}x{} at {:.4g}/s", recording_.name,
+                       format_.name, format_.width, format_.height, 1.0 / format_.interval_s);
   }
 
   static constexpr const char* kJpegName = "MJPEG";
@@ -116,7 +118,7 @@ class RecordingFeed final : public LiveSource {
 
   Result<Frame> frame_of_video(std::size_t index) {
     if (!video_ || index < video_at_) {
-      PENUMBRA_TRY(video_, VideoReader::open(video_file_));
+      PENUMBRA_TRY(video_, RecordedVideo::open(recording_));
       video_at_ = 0;
     }
     if (index > video_at_) {
@@ -124,7 +126,8 @@ class RecordingFeed final : public LiveSource {
     }
     video_at_ = index + 1;
     PENUMBRA_TRY(auto frame, video_->next());
-    if (!frame) return fail("{}: ends before frame {}; copy it again", video_file_.string(), index);
+    if (!frame)
+      return fail("{}: ends before frame {}; copy it again", recording_.video.string(), index);
     return std::move(*frame);
   }
 
@@ -154,11 +157,9 @@ class RecordingFeed final : public LiveSource {
     return accept_frame(std::move(frame), file.string(), image);
   }
 
-  const std::string name_;
-  const std::vector<RecordedFrame> frames_;
-  const std::filesystem::path video_file_;  // empty if images are files
+  const Recording recording_;
   ClampWatch clamps_;
-  std::optional<VideoReader> video_;
+  std::optional<RecordedVideo> video_;
   std::size_t video_at_ = 0;  // index of the video's next frame
   const StreamFormat format_;
   const PixelFormat pixels_;  // unused if images are JPEGs
@@ -189,12 +190,15 @@ Result<Frame> first_image(const Recording& recording) {
 
 Result<Frame> first_frame(const Recording& recording) {
   if (recording.video.empty()) return first_image(recording);
-  PENUMBRA_TRY(auto video, VideoReader::open(recording.video));
-  PENUMBRA_TRY(auto frame, video.next());
-  if (!frame) {
-    return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
+  PENUMBRA_TRY(auto video, RecordedVideo::open(recording));
+  while (true) {
+    auto frame = video.next();
+    if (frame && !*frame) {
+      return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
+    }
+    if (frame) return std::move(**frame);
+    if (!recording.is_video_file()) return tl::unexpected(frame.error());
   }
-  return std::move(*frame);
 }
 
 }  // namespace
@@ -204,7 +208,8 @@ Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recordi
   PENUMBRA_TRY(const auto first, first_frame(recording));
   StreamFormat format;
   const std::string extension = recording.frames.front().file.extension().string();
-  format.name = !recording.video.empty()                      ? "FFV1"
+  format.name = recording.is_video_file()                     ? "video"
+                : !recording.video.empty()                    ? "FFV1"
                 : extension == ".jpg" || extension == ".jpeg" ? RecordingFeed::kJpegName
                                                               : "PNG";
   format.width = first.width;

@@ -8,7 +8,7 @@
 #include "app/capture/capture_stats.hpp"
 #include "app/logging.hpp"
 #include "app/recording/look_ahead.hpp"
-#include "app/recording/video_reader.hpp"
+#include "app/recording/recorded_video.hpp"
 #include "core/image/sample_depth.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -25,7 +25,7 @@ struct TimedFrame {
 class Decoder {
  public:
   // `recording`: contains only the frames to decode.
-  Decoder(Recording recording, std::optional<VideoReader> video)
+  Decoder(Recording recording, std::optional<RecordedVideo> video)
       : recording_(std::move(recording)),
         video_(std::move(video)),
         clamps_(recording_.sample_bits),
@@ -76,7 +76,10 @@ class Decoder {
     if (frame && !*frame) {
       return fail("{}: is missing; the file ends before it: copy it again", place(listed));
     }
-    return frame;
+    if (frame || !recording_.is_video_file()) return frame;
+    // A player skips it too.
+    faults_.count(CaptureFault::damaged, frame.error().message);
+    return std::optional<Frame>();
   }
 
   // Returns nullopt if a live session's frame is damaged, because the session skipped it, too.
@@ -95,7 +98,7 @@ class Decoder {
   }
 
   const Recording recording_;
-  std::optional<VideoReader> video_;
+  std::optional<RecordedVideo> video_;
   ClampWatch clamps_;
   FaultCounter faults_;
   std::optional<ImageSize> size_;
@@ -136,9 +139,9 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
     return fail("{}: frames {}:{} hold none of its {} frames (0 is the first)",
                 recording.folder.string(), options.first, options.last.value_or(total), total);
   }
-  std::optional<VideoReader> video;
+  std::optional<RecordedVideo> video;
   if (!recording.video.empty()) {
-    PENUMBRA_TRY(video, VideoReader::open(recording.video));
+    PENUMBRA_TRY(video, RecordedVideo::open(recording));
     if (options.first > 0) PENUMBRA_TRY_VOID(video->skip(options.first));
   }
   Recording selected = recording;

@@ -5,6 +5,9 @@
 //   (timestamps.csv: frame,timestamp_s,file, and exposure_s and wall_time_ns if known)
 //   poses.tum? group-poses/NAME.tum? ...   camera and group poses of the live session
 //
+// Or a video file (MP4, MOV, AVI, ...) in place of the folder: its frames, with the container's
+// times.
+//
 // EuRoC/ASL folders: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
 // mav0/cam0/sensor.yaml, mav0/state_groundtruth_estimate0/data.csv, and optionally camera.yaml,
 // tags.yaml, groundtruth.tum beside mav0.
@@ -35,10 +38,11 @@ struct RecordedFrame {
 
 // The description of a recording, without pixels.
 struct Recording {
-  std::filesystem::path folder;
+  std::filesystem::path folder;  // or the video file
   std::string name;
   std::vector<RecordedFrame> frames;  // in order of time
-  std::filesystem::path video;        // video.mkv, or empty
+  std::filesystem::path video;        // video.mkv, the video file, or empty
+  std::int64_t video_offset_ns = 0;   // VideoListing::offset_ns of a video file
   int sample_bits = 16;               // bits used in 16-bit images, see DecodeOptions
   bool from_camera = false;           // recorded live (has controls.json), so frames may be damaged
   std::optional<CameraModel> camera;  // nullopt only if not required (images for a calibration)
@@ -47,6 +51,9 @@ struct Recording {
   std::optional<Trajectory> groundtruth;
   std::map<std::string, Trajectory> group_groundtruth;  // T_table_group by group name
   std::vector<std::string> notices;                     // e.g. "cut off after frame 83 of 120"
+
+  // Returns true for a video file in place of a folder.
+  [[nodiscard]] bool is_video_file() const { return !video.empty() && video == folder; }
 };
 
 struct OpenRecordingOptions {

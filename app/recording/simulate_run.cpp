@@ -14,6 +14,7 @@
 #include "app/output/output_file.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/progress.hpp"
+#include "app/recording/recording_folder.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/run_inputs.hpp"
 #include "app/session/session.hpp"
@@ -42,24 +43,6 @@ constexpr std::size_t kLargestText = std::size_t{16} << 20U;
 constexpr int kMaxMoments = 64;           // times sampled within an exposure, for the tags
 constexpr int kMaxSceneMoments = 16;      // limit for the objects, which are drawn at each time
 constexpr double kMomentApart_px = 0.25;  // limits the image motion between two such times
-
-Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {
-  const fs::path target = folder_name(path);
-  std::error_code error;
-  if (fs::exists(target, error)) {
-    if (!fs::is_directory(target, error)) {
-      return fail("{}: is not a folder; name a new one for the recording", path.string());
-    }
-    if (fs::directory_iterator(target, error) != fs::directory_iterator() || error) {
-      return fail("{}: exists and is not empty; name a new folder for the recording",
-                  path.string());
-    }
-  }
-  PENUMBRA_TRY_VOID(folder.create(target));
-  fs::create_directory(folder.partial() / "frames", error);
-  if (error) return cannot_be_made(path, error);
-  return {};
-}
 
 Result<Trajectory> load_path(const fs::path& file) {
   PENUMBRA_TRY(auto path, load_trajectory(file));
@@ -327,6 +310,9 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   interrupt.hold();
   OutputFolder folder;
   PENUMBRA_TRY_VOID(create_recording_folder(request.output, folder));
+  std::error_code error;
+  fs::create_directory(folder.partial() / "frames", error);
+  if (error) return cannot_be_made(request.output, error);
   const auto write_file = [&folder](const fs::path& name, const std::string& text) {
     return write_text_file(folder.partial() / name, text);
   };
@@ -359,7 +345,6 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     }
   }
   written = save_trajectory(folder.partial() / "groundtruth.tum", truth);
-  std::error_code error;
   if (written && !group_truth.empty()) {
     fs::create_directory(folder.partial() / "groups", error);
     if (error) return cannot_be_made(request.output / "groups", error);

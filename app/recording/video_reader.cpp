@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "app/libav.hpp"
+#include "app/recording/decoded_frame.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {
@@ -119,84 +120,6 @@ SliceChecksums check_slices(std::span<const std::uint8_t> packet, std::size_t tr
 constexpr std::size_t kTrailerBytesWithCrc = 8;
 constexpr std::size_t kTrailerBytesWithoutCrc = 3;
 
-// Pixel formats that are returned as planes.
-struct Mapping {
-  AVPixelFormat stored;
-  PixelFormat format;
-  bool full_range;  // used if the file does not declare the range
-};
-constexpr std::array<Mapping, 9> kPlanar{{
-    {AV_PIX_FMT_GRAY8, PixelFormat::grey8, true},
-    {AV_PIX_FMT_YUV420P, PixelFormat::yuv420p, false},
-    {AV_PIX_FMT_YUVJ420P, PixelFormat::yuv420p, true},
-    {AV_PIX_FMT_YUV422P, PixelFormat::yuv422p, false},
-    {AV_PIX_FMT_YUVJ422P, PixelFormat::yuv422p, true},
-    {AV_PIX_FMT_YUV444P, PixelFormat::yuv444p, false},
-    {AV_PIX_FMT_YUVJ444P, PixelFormat::yuv444p, true},
-    {AV_PIX_FMT_NV12, PixelFormat::nv12, false},
-    {AV_PIX_FMT_YUYV422, PixelFormat::yuyv, false},
-}};
-
-// Memory layout of R, G and B. libav decodes 8-bit RGB of FFV1 to bgr0 or bgra (0rgb on a
-// big-endian machine), later versions to planes.
-struct RgbLayout {
-  AVPixelFormat stored;
-  std::array<int, 3> plane;   // plane index of R, G, B
-  std::array<int, 3> offset;  // offset in the plane [bytes]
-  int step;                   // distance between pixels [bytes]
-};
-constexpr std::array<RgbLayout, 5> kRgb{{
-    {AV_PIX_FMT_GBRP, {2, 0, 1}, {0, 0, 0}, 1},
-    {AV_PIX_FMT_BGR0, {0, 0, 0}, {2, 1, 0}, 4},
-    {AV_PIX_FMT_BGRA, {0, 0, 0}, {2, 1, 0}, 4},
-    {AV_PIX_FMT_0RGB, {0, 0, 0}, {1, 2, 3}, 4},
-    {AV_PIX_FMT_RGBA, {0, 0, 0}, {0, 1, 2}, 4},
-}};
-
-Frame to_rgb(const AVFrame& stored, const RgbLayout& layout) {
-  FrameBuffer buffer = allocate_frame(PixelFormat::rgb24, stored.width, stored.height);
-  for (int y = 0; y < stored.height; ++y) {
-    std::array<const std::uint8_t*, 3> in{};
-    for (std::size_t c = 0; c < 3; ++c) {
-      const int plane = layout.plane[c];
-      in[c] = stored.data[plane] + static_cast<std::ptrdiff_t>(y) * stored.linesize[plane] +
-              layout.offset[c];
-    }
-    std::uint8_t* out = buffer.plane_data[0] + y * buffer.frame.planes[0].stride;
-    for (std::ptrdiff_t x = 0; x < stored.width; ++x) {
-      for (std::size_t c = 0; c < 3; ++c) *out++ = in[c][x * layout.step];
-    }
-  }
-  return std::move(buffer.frame);
-}
-
-// Returns a view of the decoder's buffer.
-Frame to_planar(Av<AVFrame> stored, const Mapping& mapping) {
-  Frame frame;
-  frame.width = stored->width;
-  frame.height = stored->height;
-  frame.format = mapping.format;
-  frame.color_matrix =
-      stored->colorspace == AVCOL_SPC_BT709 ? ColorMatrix::bt709 : ColorMatrix::bt601;
-  const bool full = stored->color_range == AVCOL_RANGE_UNSPECIFIED
-                        ? mapping.full_range
-                        : stored->color_range == AVCOL_RANGE_JPEG;
-  frame.color_range = full ? ColorRange::full : ColorRange::limited;
-  const AVPixFmtDescriptor* description = av_pix_fmt_desc_get(mapping.stored);
-  frame.plane_count = av_pix_fmt_count_planes(mapping.stored);
-  for (int i = 0; i < frame.plane_count; ++i) {
-    PixelPlane& plane = frame.planes[static_cast<std::size_t>(i)];
-    const bool chroma = i > 0;
-    plane.data = stored->data[i];
-    plane.stride = stored->linesize[i];
-    plane.width = chroma ? AV_CEIL_RSHIFT(frame.width, description->log2_chroma_w) : frame.width;
-    plane.height = chroma ? AV_CEIL_RSHIFT(frame.height, description->log2_chroma_h) : frame.height;
-    if (mapping.format == PixelFormat::yuyv) plane.width = (frame.width + 1) / 2;
-  }
-  frame.owner = std::shared_ptr<const void>(std::move(stored));
-  return frame;
-}
-
 }  // namespace
 
 struct VideoReader::Impl {
@@ -252,15 +175,12 @@ struct VideoReader::Impl {
   }
 
   Result<Frame> convert(Av<AVFrame> decoded) const {
-    for (const Mapping& mapping : kPlanar) {
-      if (mapping.stored == decoded->format) return to_planar(std::move(decoded), mapping);
-    }
-    for (const RgbLayout& layout : kRgb) {
-      if (layout.stored == decoded->format) return to_rgb(*decoded, layout);
-    }
-    const char* format = av_get_pix_fmt_name(static_cast<AVPixelFormat>(decoded->format));
+    const auto format = static_cast<AVPixelFormat>(decoded->format);
+    if (has_upward_rows(*decoded)) return damaged("its rows are stored upside down");
+    if (is_frame_format(format)) return frame_of(std::move(decoded), ColorMatrix::bt601);
+    const char* name = av_get_pix_fmt_name(format);
     return fail("{}: pixel format {}; recordings hold 8-bit grey, YUV or RGB", demuxer.name(),
-                format != nullptr ? format : "unknown");
+                name != nullptr ? name : "unknown");
   }
 };
 

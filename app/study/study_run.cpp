@@ -297,6 +297,8 @@ struct StudyInput {
 Result<StudyInput> open_input(const StudyRequest& request, const Scene& scene) {
   if (!request.from_camera) {
     OpenRecordingOptions options;
+    if (!request.camera.calibration.empty()) options.camera = request.camera.calibration;
+    options.camera_name = request.camera.camera_name;
     options.tags = request.tags;
     options.require_tags = !request.poses_from;
     PENUMBRA_TRY(const auto recording, open_recording(request.recording, options));

@@ -19,6 +19,7 @@ _penumbra() {
     calibrate) options='--help --version --log-level --target --output --report --model --board --format --compare --camera-name --focus-position --views --keep --no-window --size --fps --duration' ;;
     map) options='--help --version --log-level --tag-size --sizes --anchor --family --camera --camera-name --plane --refine-camera --output' ;;
     kernels) options='--help --version --log-level --up --unit --animation --time --kernels --group --output' ;;
+    import) options='--help --version --log-level --output --calibration --camera-name --tags --frames' ;;
     simulate) options='--help --version --log-level --camera --camera-name --tags --trajectory --group --output --noise --blur --seed --tone --gain --lens-blur --cover --cover-from' ;;
     study) options='--help --version --log-level --experiment --output --techniques --participant --seed --trials --tolerance --pause --resume --recording --poses-from --camera --calibration --camera-name --fps --tags --tracking --pose-budget --no-background-search --script --plan --no-window' ;;
   esac
@@ -53,7 +54,7 @@ _penumbra() {
   elif [[ $current == -* ]]; then
     mapfile -t COMPREPLY < <(compgen -W "$options" -- "$current")
   elif [[ -z $command ]]; then
-    mapfile -t COMPREPLY < <(compgen -W 'demo replay live devices evaluate shadow target calibrate map kernels simulate study' -- "$current")
+    mapfile -t COMPREPLY < <(compgen -W 'demo replay live devices evaluate shadow target calibrate map kernels import simulate study' -- "$current")
   fi
 }
 complete -o default -F _penumbra penumbra

@@ -35,7 +35,7 @@ TEST(ImageSource, WarnsOfValuesAboveBitDepthOfOtherImages) {
   int images = 0;
   const auto read = for_each_image(folder.path(), [&](const NamedImage& image) -> Result<bool> {
     ++images;
-    if (!image.notice.empty()) notices.push_back(image.notice);
+    notices.insert(notices.end(), image.notices.begin(), image.notices.end());
     return true;
   });
   ASSERT_TRUE(read) << read.error().message;
