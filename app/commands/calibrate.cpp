@@ -390,6 +390,20 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   return ExitCode::success;
 }
 
+}  // namespace
+
+Result<ExitCode> calibrate_camera(const CameraRequest& camera, const std::filesystem::path& target,
+                                  const std::filesystem::path& output) {
+  CalibrateOptions options;
+  options.source = camera.source;
+  options.camera = camera;
+  options.target = target;
+  options.output = output;
+  return run_calibrate(options);
+}
+
+namespace {
+
 void check_options(CLI::App& command, CalibrateOptions& options) {
   claim_outputs(command, {"--output", "--report"});
   const std::array outputs = {options.output, options.report};

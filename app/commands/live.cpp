@@ -1,10 +1,14 @@
 // penumbra live: augments a camera's video in a window; writes video, poses, report, recording.
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "app/commands/options.hpp"
 #include "app/live/live_run.hpp"
+#include "app/run/session_host.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
@@ -25,21 +29,56 @@ std::filesystem::path recorded_calibration(const std::string& camera) {
   return *played / "camera.yaml";
 }
 
+// Returns true if the session writes any file or stream.
+bool writes(const LiveRequest& request) {
+  return request.output || request.poses || request.group_poses || request.frame_log ||
+         request.report || request.refined_map || request.saved_scene || request.record;
+}
+
+// Calibrates the session's camera with the session's tags, at the size of the session.
+Result<ExitCode> calibrate(const LiveRequest& request, const RunReport& report,
+                           const std::filesystem::path& file) {
+  CameraRequest camera = request.camera;
+  if (!played_recording(camera.source)) {
+    camera.width = report.width;
+    camera.height = report.height;
+  }
+  return calibrate_camera(camera, request.tags, file);
+}
+
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
   PENUMBRA_TRY_VOID(complete(request));
-  if (request.camera.calibration.empty()) {
+  if (request.camera.fov_deg) {
+    fmt::print("calibration: none; poses stay uncertain ({:g} degrees are assumed)\n",
+               *request.camera.fov_deg);
+  } else if (request.camera.calibration.empty()) {
     request.camera.calibration = recorded_calibration(request.camera.source);
     fmt::print("calibration: {}\n", request.camera.calibration.string());
   }
   PENUMBRA_TRY(request.tags, tags_for_camera(options.tags, request.camera));
   request.camera.recorded = request.record.has_value();
 
-  PENUMBRA_TRY(const auto report, run_live(request));
-  fmt::print("{}", report_table(report));
-  if (report.failure) return tl::unexpected(*report.failure);
-  fmt::print("{}", written_files(request, request.record));
-  return ExitCode::success;
+  while (true) {
+    PENUMBRA_TRY(const auto report, run_live(request));
+    fmt::print("{}", report_table(report));
+    if (report.failure) return tl::unexpected(*report.failure);
+    fmt::print("{}", written_files(request, request.record));
+    if (!report.calibrates || report.interrupted) return ExitCode::success;
+    const std::filesystem::path file = free_name("camera", ".yaml");
+    PENUMBRA_TRY(const ExitCode done, calibrate(request, report, file));
+    if (done != ExitCode::success) return done;
+    // Another session would replace the files of this one.
+    if (writes(request)) {
+      fmt::print("to go on: penumbra live --camera {} --calibration {} --tags {}\n",
+                 request.camera.source, file.string(), request.tags.string());
+      return ExitCode::success;
+    }
+    request.camera.calibration = file;
+    request.camera.camera_name.clear();
+    request.camera.scale_calibration = false;
+    request.camera.fov_deg.reset();
+  }
 }
 
 // Adds an option whose value is "auto" or a number, which is passed to `set`.
@@ -69,6 +108,23 @@ std::string check_control(const std::string& text) {
   return {};
 }
 
+// Adds --fov, whose value may be omitted.
+void add_fov_option(CLI::App& command, std::optional<double>& fov_deg) {
+  static constexpr double kWebcam_deg = 60.0;
+  const auto set = [&fov_deg](const std::string& text) {
+    const auto given = text.empty() ? std::optional(kWebcam_deg) : parse_number(text);
+    if (!given || !(*given >= 10.0 && *given <= 150.0))
+      usage_error("--fov", "{}: give degrees from 10 to 150", text);
+    fov_deg = *given;
+  };
+  CLI::Option* option = add_text_option(
+      command, "--fov", "[DEGREES]", set,
+      "Start without a calibration: horizontal field of view (60); poses stay uncertain");
+  option->expected(0, 1);
+  for (const char* other : {"--calibration", "--camera-name", "--scale-calibration"})
+    option->excludes(command.get_option(other));
+}
+
 void add_camera_options(CLI::App& command, CameraRequest& camera) {
   add_option(command, "--camera", "CAMERA", camera.source,
              "v4l2:DEVICE, libcamera:NUMBER, libcamera:NAME, or recording:FOLDER")
@@ -81,6 +137,7 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
                   "Size of the images (default: the calibration's)");
   command.add_flag("--scale-calibration", camera.scale_calibration,
                    "Scale the calibration by a whole number; --size must show the same view");
+  add_fov_option(command, camera.fov_deg);
   add_fps_option(command, camera.fps);
   add_text_option(
       command, "--format", "FORMAT",
@@ -144,8 +201,13 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                             "--save-scene"});
     const CameraRequest& camera = options->request.camera;
     check_camera_source(camera.source);
-    if (camera.calibration.empty() && recorded_calibration(camera.source).empty())
-      usage_error("--calibration", kCalibrationMissing);
+    if (camera.calibration.empty() && !camera.fov_deg &&
+        recorded_calibration(camera.source).empty()) {
+      usage_error("--calibration", "{}; or start with --fov, and press V to calibrate",
+                  kCalibrationMissing);
+    }
+    if (camera.fov_deg && (options->request.refined_camera || options->request.refine_map))
+      usage_error("--fov", "a guessed lens can't be refined; remove --refine-map, --refine-camera");
     if (played_recording(camera.source)) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {

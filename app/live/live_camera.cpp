@@ -12,6 +12,8 @@
 #include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
+#include "core/units.hpp"
+#include "tracking/pose_confidence.hpp"
 
 namespace penumbra {
 namespace {
@@ -135,6 +137,20 @@ Result<CameraModel> calibration_at_size(const CameraRequest& request, const Came
   return scaled;
 }
 
+Result<CameraModel> guessed_camera(double fov_deg, int width, int height) {
+  // 1 sigma, as a fraction of the width: docs/live.md#without-a-calibration.
+  constexpr double kLensError = 0.01;
+  CameraParameters lens;
+  lens.width = width;
+  lens.height = height;
+  lens.fx = lens.fy = 0.5 * width / std::tan(0.5 * radians(fov_deg));
+  lens.cx = 0.5 * (width - 1);
+  lens.cy = 0.5 * (height - 1);
+  lens.name = "not calibrated";
+  lens.overlay_sigma_px = std::max(kLensError * width, 2.0 * kTrackedOverlay_px);
+  return CameraModel::make(lens);
+}
+
 Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request,
                                                      const CameraModel* camera) {
   PENUMBRA_TRY(const auto address, parse_camera(request.source));
@@ -167,6 +183,10 @@ Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesyste
     const auto recorded = *played / "tags.yaml";
     if (std::filesystem::exists(recorded, ignored)) return recorded;
     missing = recorded.string() + ", ";
+  }
+  if (camera.calibration.empty()) {
+    return fail("--tags: no tag map is named{}{}; {}", missing.empty() ? "" : ", and there is no ",
+                missing.substr(0, missing.rfind(',')), kTagMapRemedy);
   }
   const auto beside = camera.calibration.parent_path() / "tags.yaml";
   if (std::filesystem::exists(beside, ignored)) return beside;

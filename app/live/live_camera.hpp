@@ -17,6 +17,8 @@ namespace penumbra {
 struct CameraRequest {
   std::string source = "v4l2:/dev/video0";  // or libcamera:NAME, recording:FOLDER
   std::filesystem::path calibration;
+  // Without a calibration: the horizontal field of view [degrees].
+  std::optional<double> fov_deg;
   std::string camera_name;           // selects one camera of a calibration with several
   std::optional<int> width, height;  // [px]; default: as calibrated
   // Scales the calibration to the size of the images if that is exact. The user asserts that both
@@ -58,6 +60,9 @@ struct CameraAddress {
 [[nodiscard]] Result<CameraModel> calibration_at_size(const CameraRequest& request,
                                                       const CameraAddress& address,
                                                       const CameraModel& camera);
+
+// Returns a lens without distortion, whose uncertainty is so large that no pose is tracked.
+[[nodiscard]] Result<CameraModel> guessed_camera(double fov_deg, int width, int height);
 
 // Checks and opens the requested camera. Fails if its size is not that of the calibration `camera`.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(

@@ -60,6 +60,7 @@ std::string LiveHost::toggle_recording() {
 void LiveHost::describe(HudState& state, bool debug) const {
   SessionHost::describe(state, debug);
   state.live = true;
+  state.calibrated = !request_.camera.fov_deg;
   if (state.has_image) state.stalled_s = stall_s_;
   if (!stall_s_) state.latency_ms = run_.recent_ms("latency");
   const CaptureStats stats = source_.faults().stats();
@@ -77,7 +78,14 @@ void LiveHost::describe(HudState& state, bool debug) const {
   }
 }
 
+std::string LiveHost::calibrate() {
+  if (!has_begun_) return "the camera has given no image yet";
+  calibrates_ = true;
+  return {};
+}
+
 bool LiveHost::is_over() const {
+  if (calibrates_) return true;
   if (!request_.duration_s) return false;
   const double longest_s =
       has_begun_ ? *request_.duration_s : std::max(*request_.duration_s, kMaxStart_s);

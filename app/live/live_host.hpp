@@ -28,10 +28,14 @@ class LiveHost final : public SessionHost {
            const LiveRequest& request);
 
   [[nodiscard]] std::string toggle_recording() override;
+  // Ends the session.
+  [[nodiscard]] std::string calibrate() override;
+  [[nodiscard]] bool calibrates() const { return calibrates_; }
   void describe(HudState& state, bool debug) const override;
 
-  // Returns true when the requested duration since the first image is over. If no image has
-  // arrived, it counts from the start and waits at least as long as a slow camera needs.
+  // Returns true after calibrate(), and when the requested duration since the first image is over.
+  // If no image has arrived, it counts from the start and waits at least as long as a slow camera
+  // needs.
   [[nodiscard]] bool is_over() const override;
   // Returns the error message for a session without frames.
   [[nodiscard]] std::string no_frame_text() const;
@@ -46,6 +50,7 @@ class LiveHost final : public SessionHost {
   const LiveRequest& request_;
   Stopwatch watch_;  // since the first image; before it, since the start
   bool has_begun_ = false;
+  bool calibrates_ = false;
   std::optional<double> stall_s_;
   std::uint64_t damaged_ = 0;  // number of damaged frames before the latest complete one
 };

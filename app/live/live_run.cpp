@@ -60,8 +60,8 @@ Result<void> check_apart_from_record(const LiveRequest& request) {
 // Fails if an output would replace an input of this run or another output.
 Result<void> check_outputs(const LiveRequest& request, const CameraAddress& address,
                            const Scene& scene) {
-  std::vector<std::filesystem::path> taken = {request.scene, request.camera.calibration,
-                                              request.tags};
+  std::vector<std::filesystem::path> taken = {request.scene, request.tags};
+  if (!request.camera.fov_deg) taken.push_back(request.camera.calibration);
   if (request.kernel_file) taken.push_back(*request.kernel_file);
   for (std::filesystem::path& file : model_files(scene)) taken.push_back(std::move(file));
   if (request.record) taken.push_back(*request.record);
@@ -79,7 +79,8 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera, const Scene& scene) {
   // Copies the calibration file verbatim, unless it is scaled or contains other cameras.
-  const bool adapt = request.camera.scale_calibration || !request.camera.camera_name.empty();
+  const bool adapt = request.camera.scale_calibration || !request.camera.camera_name.empty() ||
+                     request.camera.fov_deg;
   PENUMBRA_TRY(auto camera_yaml, adapt ? Result<std::string>(ros_camera_text(camera))
                                        : read_text_file(request.camera.calibration, kMaxYamlBytes));
   PENUMBRA_TRY(auto tags_yaml, read_text_file(request.tags, kMaxYamlBytes));
@@ -120,18 +121,24 @@ Result<GroupTracker> create_tracker(const LiveRequest& request, const CameraMode
   return tracker;
 }
 
-// Opens the inputs, the session and the outputs. The quickest checks come first.
-Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interrupt) {
+struct CameraInUse {
+  CameraModel model;
+  std::optional<CalibrationRecord> record;  // loaded with --refine-camera
+};
+
+Result<CameraInUse> find_camera(const LiveRequest& request, const CameraAddress& address) {
+  if (request.camera.fov_deg) {
+    // Opens the camera for a moment, to learn the size of its images.
+    PENUMBRA_TRY_VOID(check_camera(address));
+    PENUMBRA_TRY(const auto source, open_camera(address, request.camera, nullptr));
+    const StreamFormat format = source->format();
+    PENUMBRA_TRY(auto guessed,
+                 guessed_camera(*request.camera.fov_deg, format.width, format.height));
+    return CameraInUse{std::move(guessed), std::nullopt};
+  }
   PENUMBRA_TRY(const auto calibrated,
                load_chosen_camera(request.camera.calibration, request.camera.camera_name));
-  PENUMBRA_TRY(const auto address, parse_camera(request.camera.source));
   PENUMBRA_TRY(auto camera, calibration_at_size(request.camera, address, calibrated));
-  PENUMBRA_TRY(auto tags, load_tag_map(request.tags));
-  PENUMBRA_TRY(const auto loaded, load_run_scene(request, &tags));
-  const auto& scene = loaded.scene;
-  PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
-  log_scene_warnings(*scene, request.plan);
-  PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
   std::optional<CalibrationRecord> record;
   // The record holds for the size of the file.
   if (request.refined_camera && camera.width() == calibrated.width() &&
@@ -143,6 +150,20 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
         "is not used",
         request.camera.calibration.string());
   }
+  return CameraInUse{std::move(camera), std::move(record)};
+}
+
+// Opens the inputs, the session and the outputs. The quickest checks come first.
+Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interrupt) {
+  PENUMBRA_TRY(const auto address, parse_camera(request.camera.source));
+  PENUMBRA_TRY(auto in_use, find_camera(request, address));
+  CameraModel& camera = in_use.model;
+  PENUMBRA_TRY(auto tags, load_tag_map(request.tags));
+  PENUMBRA_TRY(const auto loaded, load_run_scene(request, &tags));
+  const auto& scene = loaded.scene;
+  PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
+  log_scene_warnings(*scene, request.plan);
+  PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
 
   PENUMBRA_TRY_VOID(check_camera(address));
   PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
@@ -169,7 +190,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
                    std::move(tags),
                    std::move(used_tags),
                    std::move(residual_watch),
-                   std::move(record),
+                   std::move(in_use.record),
                    std::move(context),
                    std::make_unique<Session>(std::move(session)),
                    std::move(source),
@@ -357,6 +378,7 @@ RunReport LiveLoop::report() {
   report.frames_dropped = report.frames_captured - report.frames;
   report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt_.interrupted();
+  report.calibrates = host_.calibrates();
   report.log_lines_dropped = dropped_log_lines();
   const auto faults = fault_counts(stats);
   report.camera_faults.insert(faults.begin(), faults.end());

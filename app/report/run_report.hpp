@@ -111,6 +111,7 @@ struct RunReport : TrackingCounts, WorkReport {
   // Reasons why frames were not tracked, in descending order of frequency.
   std::vector<ReasonCount> reasons;
   bool interrupted = false;
+  bool calibrates = false;  // the user ended a live session to calibrate the camera
   // Error that ended the run early or closed an output. Other fields are valid up to this moment.
   std::optional<Error> failure;
   std::int64_t log_lines_dropped = 0;  // because the reader of standard error stalled or ended

@@ -34,7 +34,8 @@ struct GivenPoses {
 };
 using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
-// View settings that options of replay chose; recorded changes (ViewChanged) leave them as they are.
+// View settings that options of replay chose; recorded changes (ViewChanged) leave them as they
+// are.
 struct ChosenView {
   bool translucency = false, walls = false, smooth = false;
 };

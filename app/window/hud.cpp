@@ -39,6 +39,7 @@ constexpr std::array kKeys = {
     Key{GLFW_KEY_M, WindowCommand::next_translucency},
     Key{GLFW_KEY_L, WindowCommand::walls},
     Key{GLFW_KEY_J, WindowCommand::smooth},
+    Key{GLFW_KEY_V, WindowCommand::calibrate},
     Key{GLFW_KEY_U, WindowCommand::undo},
     Key{GLFW_KEY_O, WindowCommand::reset},
     Key{GLFW_KEY_W, WindowCommand::save_scene},
@@ -47,6 +48,8 @@ constexpr std::array kControlKeys = {
     Key{GLFW_KEY_Z, WindowCommand::undo},
     Key{GLFW_KEY_S, WindowCommand::save_scene},
 };
+
+constexpr std::string_view kNotCalibrated = "not calibrated: press V to calibrate the camera";
 
 constexpr std::array kHelp = {
     KeyHelp{"F1", "this help"},
@@ -63,6 +66,7 @@ constexpr std::array kHelp = {
     KeyHelp{"space   .", "pause, one frame on"},
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},
+    KeyHelp{"V", "calibrate the camera with this sheet (live)"},
     KeyHelp{"F11  F   Esc  Q", "full screen, quit"},
     KeyHelp{"left drag", "object along the table (or as chosen by X, Z, Y, T)"},
     KeyHelp{"middle drag, Shift + left", "object up and sideways"},
@@ -158,6 +162,15 @@ HudStatus status_of(const GroupEstimate& group) {
   return status;
 }
 
+HudStatus status_of(const HudState& state) {
+  HudStatus status = status_of(state.pose);
+  if (!state.has_image) status.text = "waiting for the first frame";
+  // The reason is the guessed lens.
+  if (state.has_image && !state.calibrated && state.pose.status == TrackStatus::uncertain)
+    status.text = kNotCalibrated;
+  return status;
+}
+
 std::string age_text(const HudState& state) {
   if (state.stalled_s) return fmt::format("the frame is {:.1f} s old", *state.stalled_s);
   return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
@@ -165,6 +178,7 @@ std::string age_text(const HudState& state) {
 
 std::vector<std::string> warnings_of(const HudState& state) {
   std::vector<std::string> warnings;
+  if (!state.calibrated) warnings.emplace_back(kNotCalibrated);
   if (state.stalled_s) warnings.push_back(age_text(state));
   if (state.trouble) warnings.push_back("camera: " + *state.trouble);
   if (state.recording && state.recording->error) {

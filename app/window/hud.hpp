@@ -33,6 +33,7 @@ enum class WindowCommand {
   debug,
   panels,
   layout,
+  calibrate,
   smooth,  // smoothing of the drawn pose
   undo,
   reset,  // objects back to where they were at the start
@@ -94,6 +95,7 @@ struct HudFoldOver {
 struct HudState {
   bool live = false;
   bool has_image = false;
+  bool calibrated = true;          // false: the lens is a guess
   std::uint64_t frame = 0;         // frame number
   std::optional<int> frame_count;  // number of frames of a recording
   PoseEstimate pose;
@@ -148,6 +150,8 @@ struct HudStatus {
 };
 [[nodiscard]] HudStatus status_of(const EstimatedPose& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
+// The table's pose, or what prevents it: no image yet, or no calibration.
+[[nodiscard]] HudStatus status_of(const HudState& state);
 // Returns warnings, which are shown even while the HUD is hidden: a stalled image, a camera fault,
 // a failed recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);

@@ -225,8 +225,8 @@ struct Overlay::Impl {
 
   // Shows the pose's status; returns the rate and age of the frames.
   static std::string pose_status(const HudState& state, int rate_digits) {
-    const HudStatus status = status_of(state.pose);
-    text(status.color, state.has_image ? status.text : "waiting for the first frame");
+    const HudStatus status = status_of(state);
+    text(status.color, status.text);
     if (state.paused) {
       ImGui::SameLine();
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");

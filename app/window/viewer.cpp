@@ -250,6 +250,9 @@ void Viewer::act(WindowCommand command) {
     case WindowCommand::layout:
       compact_ = !compact_.value_or(is_small(context_.window_size()));
       break;
+    case WindowCommand::calibrate:
+      show_message(host_.calibrate());
+      break;
     case WindowCommand::smooth:
       show_message(host_.toggle_smoothing());
       edited_ = true;  // draws a paused frame again

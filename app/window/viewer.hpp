@@ -43,6 +43,7 @@ class ViewerHost {
   // These return a message about the result.
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
+  [[nodiscard]] virtual std::string calibrate() { return "only live calibrates its camera"; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
   [[nodiscard]] virtual std::string toggle_walls() { return {}; }
   [[nodiscard]] virtual std::string add_object(const std::filesystem::path& /*file*/) {

@@ -30,7 +30,7 @@ constexpr auto kPoseCauseTexts = std::to_array<std::string_view>({
     "the tags are inconsistent with each other",
     "the tags do not fit the map ({0} px)",
     "the table's centre is out of sight",
-    "the camera file knows its lens to {0} px only; calibrate it from more views",
+    "the lens is known to {0} px only; calibrate the camera from more views",
     "the few tags in view are inconsistent with the map: predicted error {0} px",
     "predicted error {0} px",
     "predicted error {0} px because of the {6}",

@@ -41,7 +41,7 @@ enum class PoseCause {
   uncertain_table,   // for a group; PoseReason::of_table is the cause of the table's pose
 };
 
-// What may be wrong if residuals are systematic.
+// Possible causes of systematic residuals.
 struct Suspects {
   bool tag_map = false, lens = false, row_time = false;
   bool certain = false;  // true: each of them is wrong; false: one of them

@@ -81,6 +81,7 @@ complete -c penumbra -n '__fish_seen_subcommand_from live' -l calibration -r -d 
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l camera-name -r -d 'Which camera, if the file has several (of Kalibr, OpenCV stereo)'
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l size -r -d 'Size of the images (default: the calibration'\''s)'
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l scale-calibration -d 'Scale the calibration by a whole number; --size must show the same view'
+complete -c penumbra -n '__fish_seen_subcommand_from live' -l fov -r -d 'Start without a calibration: horizontal field of view (60); poses stay uncertain'
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l fps -r -d 'Rate to ask the camera for (default: 30)'
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l format -r -d 'grey, nv12, yu12, yuyv, mjpeg or rgb (default: the cheapest at that size and rate)'
 complete -c penumbra -n '__fish_seen_subcommand_from live' -l exposure -r -d 'Exposure time [ms], or auto (default: as the camera is)'

@@ -515,6 +515,30 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   EXPECT_THAT(second.out, Not(HasSubstr("window")));
 }
 
+// The key V takes a session from a guessed lens to a calibrated one.
+TEST_F(CalibrateFromCamera, BeginsByKeyOfLiveAndGoesOn) {
+  ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1 && command -v xdotool >/dev/null 2>&1"), 0)
+      << "scripts/setup installs both";
+  write_listing(13, 2);
+  const auto result = test::run_program(
+      test::source_dir() / "tests" / "support" / "with-display",
+      {(test::source_dir() / "tests" / "support" / "calibrate-by-key").string(),
+       test::program().string(), "live", "--camera", "recording:" + played_folder().string(),
+       "--fov", "--tags", shared("recordings/calibration/tags.yaml").string(), "--duration", "60"},
+      {}, folder());
+  ASSERT_EQ(result.exit_code, 0) << result.err << result.out;
+  EXPECT_THAT(result.out, HasSubstr("(60 degrees are assumed)"));
+  const auto truth = load_camera(shared("recordings/calibration/camera.yaml"));
+  const auto camera = load_camera(folder() / "camera.yaml");
+  ASSERT_TRUE(truth && camera);
+  EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
+  // The table of the second session.
+  const std::size_t first = result.out.find("tracked 0, uncertain ");
+  ASSERT_NE(first, std::string::npos) << result.out;
+  EXPECT_THAT(result.out.substr(first + 1),
+              testing::ContainsRegex("tracked [1-9][0-9]*, uncertain "));
+}
+
 // If the display is lost, the program calibrates from the views it has kept so far.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";

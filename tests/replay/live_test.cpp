@@ -616,6 +616,33 @@ TEST(LiveCommand, TakesCalibrationAndTagsOfPlayedRecording) {
   EXPECT_NE(done.out.find("tags: " + bundled("tabletop")), std::string::npos) << done.out;
 }
 
+// Poses with a guessed lens are drawn, but never called tracked; nor are those of the recording.
+TEST(LiveCommand, NeverTracksWithoutCalibration) {
+  const test::TemporaryFolder folder;
+  const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
+  for (const char* fov : {"50", "62", "75"}) {
+    SCOPED_TRACE(fov);
+    const std::string session = path("session") + fov;
+    const auto done = penumbra({"live", "--camera", "recording:" + bundled("tabletop"), "--fov",
+                                fov, "--no-window", "--duration", "1", "--record", session,
+                                "--frame-log", path("log.csv")});
+    ASSERT_EQ(done.exit_code, 0) << done.err;
+    EXPECT_THAT(done.out, testing::StartsWith("calibration: none; poses stay uncertain"));
+    EXPECT_THAT(done.out, testing::HasSubstr("tracked 0, uncertain "));
+    EXPECT_THAT(test::bytes_of(path("log.csv")), testing::Not(testing::HasSubstr(",tracked,")));
+    EXPECT_THAT(test::bytes_of(path("log.csv")), testing::HasSubstr(",uncertain,"));
+    const auto replayed = penumbra({"replay", session, "--no-window"});
+    ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
+    EXPECT_THAT(replayed.out, testing::HasSubstr("tracked 0, uncertain "));
+  }
+  // A camera without a calibration is offered the start.
+  const auto missing = penumbra({"live", "--camera", "v4l2:/dev/video0"});
+  EXPECT_EQ(missing.exit_code, 2);
+  EXPECT_THAT(missing.err, testing::HasSubstr("--fov"));
+  EXPECT_EQ(penumbra(live({"--fov", "60"})).exit_code, 2) << "beside --calibration";
+  EXPECT_EQ(penumbra({"live", "--fov", "5"}).exit_code, 2);
+}
+
 TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   for (const std::string& camera : {std::string("telescope"), bundled("tabletop")}) {
     const auto no_camera =

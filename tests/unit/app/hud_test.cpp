@@ -13,6 +13,19 @@
 namespace penumbra {
 namespace {
 
+TEST(Hud, NamesMissingCalibrationInPlaceOfUncertainLens) {
+  HudState state;
+  state.has_image = true;
+  state.calibrated = false;
+  state.pose.status = TrackStatus::uncertain;
+  state.pose.reason = {PoseCause::uncertain_lens, 6.4};
+  EXPECT_EQ(status_of(state).text, "not calibrated: press V to calibrate the camera");
+  EXPECT_EQ(warnings_of(state).size(), 1U);
+  state.pose.status = TrackStatus::lost;
+  state.pose.reason = {PoseCause::no_tag};
+  EXPECT_EQ(status_of(state).text, "lost: no tag of the table was found");
+}
+
 TEST(Hud, DistinguishesStatusByWordAndColour) {
   std::set<std::array<float, 3>> colors;
   PoseEstimate pose;

@@ -17,7 +17,7 @@ TEST(PoseReason, HasTextForEachCause) {
   EXPECT_EQ(text_of({PoseCause::misfit, 22.44}), "the tags do not fit the map (22.4 px)");
   EXPECT_EQ(text_of({PoseCause::out_of_sight}), "the table's centre is out of sight");
   EXPECT_EQ(text_of({PoseCause::uncertain_lens, 2.0}),
-            "the camera file knows its lens to 2.0 px only; calibrate it from more views");
+            "the lens is known to 2.0 px only; calibrate the camera from more views");
   EXPECT_EQ(text_of({PoseCause::uncertain_map, 2.5}),
             "the few tags in view are inconsistent with the map: predicted error 2.5 px");
   EXPECT_EQ(text_of({PoseCause::large_error, 2.5}), "predicted error 2.5 px");

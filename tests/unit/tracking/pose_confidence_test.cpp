@@ -89,7 +89,7 @@ TEST_F(PoseConfidence, AttributesErrorToLensWhenOnlyCameraFileIsUncertain) {
   const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
   const AssessedPose judged = judge(group, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
-  EXPECT_THAT(text_of(judged.estimate.reason), HasSubstr("the camera file knows its lens"));
+  EXPECT_THAT(text_of(judged.estimate.reason), HasSubstr("the lens is known to"));
   EXPECT_TRUE(judged.only_lens_uncertain);
 }
 
