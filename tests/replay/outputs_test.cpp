@@ -1,8 +1,10 @@
 // Text outputs on standard output and in pipes, and the tag map that a run uses.
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -115,6 +117,8 @@ std::string same_in_file_output_and_pipe(const std::vector<std::string>& argumen
   auto reader = std::async(std::launch::async, [&] { return bytes_of(pipe); });
   const auto piped = to(pipe);
   EXPECT_EQ(piped.exit_code, 0) << piped.err;
+  // Ends the reader if the program failed before it opened the pipe.
+  if (const int writer = open(pipe.c_str(), O_WRONLY | O_NONBLOCK); writer >= 0) close(writer);
   EXPECT_EQ(reader.get(), text);
   EXPECT_TRUE(fs::is_fifo(pipe)) << "the pipe was replaced";
   return text;
