@@ -71,8 +71,9 @@ Result<void> for_each_image(const std::filesystem::path& source,
                             const std::function<Result<bool>(const NamedImage&)>& visit) {
   std::error_code ignored;
   if (!std::filesystem::exists(source, ignored)) {
-    return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
-                source.string());
+    return fail(
+        "{}: no such folder; give a recording, a video file or a folder of PNG or JPEG images",
+        source.string());
   }
   if (std::filesystem::is_directory(source, ignored) && !is_recording(source)) {
     PENUMBRA_TRY(const auto files, image_files_in(source));

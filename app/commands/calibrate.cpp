@@ -341,7 +341,8 @@ Result<void> check_is_no_sheet(const std::filesystem::path& target) {
       target.string());
 }
 
-Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
+// Returns false if the user interrupted it after the camera file was written.
+Result<bool> run_calibrate(const CalibrateOptions& options) {
   InterruptWatch interrupt;  // must precede the threads of window and camera
   PENUMBRA_TRY_VOID(check_is_no_sheet(options.target));
   PENUMBRA_TRY(const auto target, load_target(options.target));
@@ -387,13 +388,13 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
         "with --no-window where the display may go away",
         options.output.string());
   }
-  return ExitCode::success;
+  return !interrupt.interrupted();
 }
 
 }  // namespace
 
-Result<ExitCode> calibrate_camera(const CameraRequest& camera, const std::filesystem::path& target,
-                                  const std::filesystem::path& output) {
+Result<bool> calibrate_camera(const CameraRequest& camera, const std::filesystem::path& target,
+                              const std::filesystem::path& output) {
   CalibrateOptions options;
   options.source = camera.source;
   options.camera = camera;
@@ -493,7 +494,10 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   put_first(command, {"--model", "--compare", "--camera-name"});
   command.callback([options, &command, &chosen] {
     check_options(command, *options);
-    chosen = [options] { return run_calibrate(*options); };
+    chosen = [options]() -> Result<ExitCode> {
+      PENUMBRA_TRY_VOID(run_calibrate(*options));
+      return ExitCode::success;
+    };
   });
 }
 

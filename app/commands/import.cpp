@@ -3,7 +3,6 @@
 #include <memory>
 
 #include "app/commands/options.hpp"
-#include "app/logging.hpp"
 #include "app/recording/video_import.hpp"
 #include "core/propagate.hpp"
 
@@ -12,7 +11,6 @@ namespace {
 
 Result<ExitCode> import_recording(const ImportRequest& request) {
   PENUMBRA_TRY(const auto summary, import_video(request));
-  for (const std::string& notice : summary.notices) log_warning("{}", notice);
   fmt::print("frames: {}{}\n", summary.frames, summary.interrupted ? " (interrupted)" : "");
   if (summary.damaged > 0) fmt::print("damaged frames: {}, skipped\n", summary.damaged);
   fmt::print("recording: {}\n", request.output.string());

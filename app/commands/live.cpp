@@ -8,6 +8,7 @@
 
 #include "app/commands/options.hpp"
 #include "app/live/live_run.hpp"
+#include "app/logging.hpp"
 #include "app/run/session_host.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -36,8 +37,8 @@ bool writes(const LiveRequest& request) {
 }
 
 // Calibrates the session's camera with the session's tags, at the size of the session.
-Result<ExitCode> calibrate(const LiveRequest& request, const RunReport& report,
-                           const std::filesystem::path& file) {
+Result<bool> calibrate(const LiveRequest& request, const RunReport& report,
+                       const std::filesystem::path& file) {
   CameraRequest camera = request.camera;
   if (!played_recording(camera.source)) {
     camera.width = report.width;
@@ -52,6 +53,8 @@ Result<ExitCode> live(const LiveOptions& options) {
   if (request.camera.fov_deg) {
     fmt::print("calibration: none; poses stay uncertain ({:g} degrees are assumed)\n",
                *request.camera.fov_deg);
+    if (request.poses && !request.poses_all)
+      log_warning("--poses: no pose is tracked without a calibration; add --poses-all");
   } else if (request.camera.calibration.empty()) {
     request.camera.calibration = recorded_calibration(request.camera.source);
     fmt::print("calibration: {}\n", request.camera.calibration.string());
@@ -66,8 +69,8 @@ Result<ExitCode> live(const LiveOptions& options) {
     fmt::print("{}", written_files(request, request.record));
     if (!report.calibrates || report.interrupted) return ExitCode::success;
     const std::filesystem::path file = free_name("camera", ".yaml");
-    PENUMBRA_TRY(const ExitCode done, calibrate(request, report, file));
-    if (done != ExitCode::success) return done;
+    PENUMBRA_TRY(const bool goes_on, calibrate(request, report, file));
+    if (!goes_on) return ExitCode::success;
     // Another session would replace the files of this one.
     if (writes(request)) {
       fmt::print("to go on: penumbra live --camera {} --calibration {} --tags {}\n",

@@ -54,10 +54,11 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 void add_import_command(CLI::App& program, ChosenCommand& chosen);
 void add_study_command(CLI::App& program, ChosenCommand& chosen);
 
-// Calibrates a camera as penumbra calibrate does, in a window if there is a display.
-[[nodiscard]] Result<ExitCode> calibrate_camera(const CameraRequest& camera,
-                                                const std::filesystem::path& target,
-                                                const std::filesystem::path& output);
+// Calibrates a camera as penumbra calibrate does, in a window if there is a display. Returns false
+// if the user interrupted it after the camera file was written.
+[[nodiscard]] Result<bool> calibrate_camera(const CameraRequest& camera,
+                                            const std::filesystem::path& target,
+                                            const std::filesystem::path& output);
 
 // Reports wrong usage of an option by throwing CLI::ValidationError.
 template <class... Args>

@@ -234,8 +234,10 @@ class LiveLoop {
     TrackedFrame tracked = setup_.session->track(frame);
     image_faults_.observe(tracked);
     // Before the map changes: this frame's pose comes from the previous map.
-    for (const std::string& notice : setup_.residual_watch->observe(tracked))
-      log_warning("{}", notice);
+    for (const std::string& notice : setup_.residual_watch->observe(tracked)) {
+      // The residuals of a guessed lens are no evidence about the map.
+      if (!request_.camera.fov_deg) log_warning("{}", notice);
+    }
     setup_.session->set_map_sigma(setup_.residual_watch->map_sigma_m());
     refine_map(tracked);
     return tracked;
@@ -370,7 +372,8 @@ RunReport LiveLoop::report() {
   report.recording = request_.camera.source;
   report.tags = setup_.used_tags;
   report.image_fault = image_faults_.fault();
-  report.systematic_error = setup_.residual_watch->found();
+  report.calibrated = !request_.camera.fov_deg;
+  if (report.calibrated) report.systematic_error = setup_.residual_watch->found();
   if (refinement_) report.map_refinement = refinement_->report();
   report.width = setup_.camera.width();
   report.height = setup_.camera.height();

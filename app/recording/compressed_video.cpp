@@ -10,6 +10,7 @@
 #include "app/libav.hpp"
 #include "app/recording/decoded_frame.hpp"
 #include "core/propagate.hpp"
+#include "core/units.hpp"
 
 namespace penumbra {
 namespace {
@@ -95,8 +96,8 @@ class Container {
     }
     if (status < 0) {
       return fail(
-          "{}: is not a folder, and cannot be read as a video ({}); convert it: ffmpeg -i IN "
-          "OUT.mp4",
+          "{}: is not a folder, and cannot be read as a video ({}); if it is one, it is cut off "
+          "(copy it again) or of another container (ffmpeg -i IN OUT.mp4)",
           container.name_, av_error_text(status));
     }
     for (unsigned i = 0; i < format->nb_streams && container.stream_ < 0; ++i) {
@@ -141,6 +142,13 @@ class Container {
       // An empty packet repeats the frame before it; a decoder would take it as the end.
       if (packet_->stream_index == stream_ && packet_->size > 0) return packet_.get();
     }
+  }
+
+  // Returns the duration of the longest stream; 0 if the container does not declare it.
+  [[nodiscard]] std::int64_t duration_ns() const {
+    constexpr std::int64_t kNsPerUnit = 1'000'000'000 / AV_TIME_BASE;
+    const std::int64_t duration = format_->duration;
+    return duration > 0 && duration < kLongest_ns / kNsPerUnit ? duration * kNsPerUnit : 0;
   }
 
   // Returns true if next() ended before the end of the file.
@@ -243,8 +251,9 @@ struct CompressedVideo::Impl {
   int scaled_width = 0, scaled_height = 0;
   Av<AVFrame> waiting;  // decoded, for a later listed frame
   std::int64_t waiting_ns = 0;
-  std::size_t at = 0;  // index of the next listed frame
-  bool ended = false;  // all packets were sent
+  std::size_t at = 0;             // index of the next listed frame
+  bool ended = false;             // all packets were sent
+  bool builds_on_damage = false;  // a frame since the last intra-coded one is damaged
 
   tl::unexpected<Error> damaged() const {
     return fail("{}: frame {}: is damaged; record or copy the video again", container.name(), at);
@@ -260,8 +269,9 @@ struct CompressedVideo::Impl {
       if (status == AVERROR_EOF || ended) return Av<AVFrame>();
       const AVPacket* packet = container.next();
       ended = packet == nullptr;
-      // Errors of single packets are damaged frames, which are missing among the decoded ones.
-      (void)avcodec_send_packet(decoder.get(), packet);
+      // The frames of damaged packets are missing among the decoded ones.
+      const int sent = avcodec_send_packet(decoder.get(), packet);
+      if (status != AVERROR(EAGAIN) || sent < 0) builds_on_damage = true;
     }
   }
 
@@ -278,7 +288,7 @@ struct CompressedVideo::Impl {
     return {};
   }
 
-  // Returns the listed frame; null if it is damaged.
+  // Returns the listed frame; null if it is damaged or builds on a damaged one.
   Result<Av<AVFrame>> take() {
     PENUMBRA_TRY_VOID(fetch());
     if (!waiting || waiting_ns > times_ns[at]) return Av<AVFrame>();
@@ -286,7 +296,8 @@ struct CompressedVideo::Impl {
     const bool broken = taken->decode_error_flags != 0 ||
                         (taken->flags & AV_FRAME_FLAG_CORRUPT) != 0 || taken->width <= 0 ||
                         taken->height <= 0;
-    return broken ? Av<AVFrame>() : std::move(taken);
+    builds_on_damage = broken || (builds_on_damage && taken->pict_type != AV_PICTURE_TYPE_I);
+    return builds_on_damage ? Av<AVFrame>() : std::move(taken);
   }
 
   // Converts the pixel format, without a change of matrix and range.
@@ -404,6 +415,16 @@ Result<VideoListing> CompressedVideo::list(const std::filesystem::path& file) {
   if (without_time > 0) {
     listing.notices.push_back(fmt::format("{}: {} frames have no time of their own and are skipped",
                                           file.string(), without_time));
+  }
+  // Sound may go on a little longer than the images.
+  constexpr double kLongerSound_s = 0.7;
+  const std::int64_t shown_ns = listing.times_ns.back() - listing.times_ns.front();
+  if (seconds(container.duration_ns() - shown_ns) > kLongerSound_s + 0.1 * seconds(shown_ns) &&
+      !container.is_cut_off() && packets >= container.stream().nb_frames) {
+    listing.notices.push_back(fmt::format(
+        "{}: declares {:.1f} s, but its frames end at {:.1f} s; if it is cut off, copy it "
+        "again",
+        file.string(), seconds(container.duration_ns()), seconds(shown_ns)));
   }
   const std::int64_t offset_ns = std::max<std::int64_t>(0, -listing.times_ns.front());
   for (std::int64_t& time_ns : listing.times_ns) time_ns += offset_ns;

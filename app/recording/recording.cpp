@@ -385,7 +385,9 @@ Result<void> load_metadata_of_video(const OpenRecordingOptions& options, Recordi
     recording.camera = std::move(loaded.camera);
     recording.camera_file = *options.camera;
   } else if (options.require_camera) {
-    return fail("{}: a video has no camera file; give one (penumbra calibrate makes it)", name);
+    return fail(
+        "{}: a video has no camera file; name one (--calibration; map and evaluate: --camera)",
+        name);
   }
   if (options.tags) {
     PENUMBRA_TRY(recording.tags, load_tag_map(*options.tags));

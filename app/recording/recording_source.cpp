@@ -78,7 +78,9 @@ class Decoder {
     }
     if (frame || !recording_.is_video_file()) return frame;
     // A player skips it too.
-    faults_.count(CaptureFault::damaged, frame.error().message);
+    faults_.count(CaptureFault::damaged,
+                  fmt::format("frame {}: is damaged, or builds on a damaged one, and is skipped",
+                              listed.number));
     return std::optional<Frame>();
   }
 

@@ -3,6 +3,7 @@
 #include <system_error>
 
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
 #include "app/recording/lossless_video.hpp"
@@ -17,11 +18,12 @@ namespace {
 constexpr std::size_t kMaxTextBytes = std::size_t{16} << 20U;
 
 // Writes the frames and returns the lines of timestamps.csv.
-Result<std::string> write_frames(FrameSource& source, const std::filesystem::path& file, int count,
-                                 InterruptWatch& interrupt, ImportSummary& summary) {
+Result<std::string> write_frames(FrameSource& source, const std::string& name,
+                                 const std::filesystem::path& file, InterruptWatch& interrupt,
+                                 ImportSummary& summary) {
   std::string listing = "frame,timestamp_s\n";
   std::optional<LosslessVideo> video;
-  ProgressBar progress(count);
+  ProgressBar progress(source.frame_count().value_or(0));
   while (!summary.interrupted) {
     PENUMBRA_TRY(const std::optional<Frame> frame, source.next());
     if (!frame) break;
@@ -33,7 +35,7 @@ Result<std::string> write_frames(FrameSource& source, const std::filesystem::pat
     progress.update(++summary.frames);
     summary.interrupted = interrupt.interrupted();
   }
-  if (!video) return fail("no frame of it can be decoded; record or copy it again");
+  if (!video) return fail("{}: no frame can be decoded; record or copy it again", name);
   PENUMBRA_TRY_VOID(video->finish());
   return listing;
 }
@@ -52,7 +54,7 @@ Result<ImportSummary> import_video(const ImportRequest& request) {
     return fail("{}: is a recording already; give a video file", request.video.string());
   }
   ImportSummary summary;
-  summary.notices = recording.notices;
+  for (const std::string& notice : recording.notices) log_warning("{}", notice);
   RecordingSourceOptions frames;
   static_cast<FrameRange&>(frames) = request.frames;
   PENUMBRA_TRY(auto source, open_recording_source(recording, frames));
@@ -61,9 +63,9 @@ Result<ImportSummary> import_video(const ImportRequest& request) {
   OutputFolder folder;
   PENUMBRA_TRY_VOID(create_recording_folder(request.output, folder));
   const auto write = [&]() -> Result<void> {
-    const auto listing = write_frames(*source, folder.partial() / "video.mkv",
-                                      source->frame_count().value_or(0), interrupt, summary);
-    if (!listing) return fail_in(request.video.string(), listing.error());
+    const auto listing = write_frames(*source, request.video.string(),
+                                      folder.partial() / "video.mkv", interrupt, summary);
+    if (!listing) return tl::unexpected(listing.error());
     PENUMBRA_TRY_VOID(write_text_file(folder.partial() / "timestamps.csv", *listing));
     if (request.camera) {
       PENUMBRA_TRY(const std::string text,

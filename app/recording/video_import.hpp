@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "app/recording/recording_source.hpp"
 #include "core/error.hpp"
@@ -21,14 +20,13 @@ struct ImportRequest {
 };
 
 struct ImportSummary {
-  int frames = 0;                    // written
-  std::int64_t damaged = 0;          // skipped
-  bool interrupted = false;          // Ctrl-C: the recording ends with the last written frame
-  std::vector<std::string> notices;  // of the video
+  int frames = 0;            // written
+  std::int64_t damaged = 0;  // skipped
+  bool interrupted = false;  // Ctrl-C: the recording ends with the last written frame
 };
 
-// The output folder appears when it is complete; an error leaves no files. Frames keep the numbers
-// and times that they have in the video.
+// Logs the notices of the video. The output folder appears when it is complete; an error leaves no
+// files. Frames keep the numbers and times that they have in the video.
 [[nodiscard]] Result<ImportSummary> import_video(const ImportRequest& request);
 
 }  // namespace penumbra

@@ -632,7 +632,13 @@ std::string report_table(const RunReport& report) {
                                  report.panes.empty() ? "" : " (all panes)",
                                  report.interrupted ? " (interrupted)" : "");
   text += status_text(report);
-  for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
+  if (!report.calibrated) {
+    text +=
+        "the camera is not calibrated, so poses stay uncertain; press V in the window, or use "
+        "penumbra calibrate\n";
+  }
+  const std::size_t shown = report.calibrated ? std::min<std::size_t>(report.reasons.size(), 3) : 0;
+  for (std::size_t i = 0; i < shown; ++i) {
     const auto& [first, frames] = report.reasons[i];
     const std::string reason = text_of(first);
     text +=
@@ -640,19 +646,19 @@ std::string report_table(const RunReport& report) {
                     frames, frames == 1 ? "" : "s",
                     frames > 1 && reason != general_text_of(first) ? "; values of the first" : "");
   }
-  const bool misfit = tags_fit_no_pose(report);
+  const bool misfit = report.calibrated && tags_fit_no_pose(report);
   if (misfit) {
     text +=
         "no frame was tracked, though tags of the map were read: check that the camera file is of "
         "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
-  text += rejected_tag_lines(report, "the map");
+  if (report.calibrated) text += rejected_tag_lines(report, "the map");
   if (report.map_refinement)
     text += map_refinement_line(*report.map_refinement, report.refined_map);
   if (report.map_refinement)
     text += camera_refinement_lines(*report.map_refinement, report.refined_camera);
   // Omitted if most frames are uncertain, because tags were detected in them.
-  if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
+  if (report.calibrated && !misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
     std::string why =
         "is the sheet that --tags lists in view, whole and sharp? Tags of other families are not "

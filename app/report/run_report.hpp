@@ -111,6 +111,7 @@ struct RunReport : TrackingCounts, WorkReport {
   // Reasons why frames were not tracked, in descending order of frequency.
   std::vector<ReasonCount> reasons;
   bool interrupted = false;
+  bool calibrated = true;   // false: the lens is a guess, so no frame can be tracked
   bool calibrates = false;  // the user ended a live session to calibrate the camera
   // Error that ended the run early or closed an output. Other fields are valid up to this moment.
   std::optional<Error> failure;

@@ -100,7 +100,7 @@ TEST_F(VideoInput, ReportsMissingOrWrongInputInOneLine) {
     return result.err;
   };
   EXPECT_THAT(error({"replay", path("phone.mp4"), "--no-window"}),
-              HasSubstr("phone.mp4: a video has no camera file; give one"));
+              HasSubstr("phone.mp4: a video has no camera file; name one"));
   EXPECT_THAT(error({"replay", path("phone.mp4"), "--no-window", "--calibration",
                      bundled("tabletop") + "/camera.yaml"}),
               HasSubstr("phone.mp4: a video has no tag map; give one"));
