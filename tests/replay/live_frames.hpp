@@ -4,8 +4,11 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <string>
 #include <vector>
@@ -31,8 +34,8 @@ inline std::map<std::string, std::string> replay_session(const std::filesystem::
 }
 
 // Expects that all frames which both have are equal, and returns their number. `live`: images of a
-// session at 10 frames/s, numbered from its first pose in `poses`. `replayed`: contents_of() the
-// images of the replay.
+// session whose camera has a fixed rate, numbered from its first pose in `poses`. `replayed`:
+// contents_of() the images of the replay.
 inline int expect_frames_of_live(const std::filesystem::path& live,
                                  const std::filesystem::path& poses,
                                  const std::filesystem::path& recording,
@@ -44,11 +47,17 @@ inline int expect_frames_of_live(const std::filesystem::path& live,
     ADD_FAILURE() << "no frames or no poses";
     return 0;
   }
+  // Dropped frames leave larger intervals.
+  std::int64_t interval_ns = std::numeric_limits<std::int64_t>::max();
+  for (std::size_t i = 1; i < listed->size(); ++i) {
+    interval_ns = std::min(interval_ns, (*listed)[i].timestamp_ns - (*listed)[i - 1].timestamp_ns);
+  }
   int compared = 0;
   for (std::size_t i = 0; i < listed->size(); ++i) {
     const auto age_ns =
         static_cast<double>((*listed)[i].timestamp_ns - trajectory->poses.front().timestamp_ns);
-    const auto image = seen.find(fmt::format("{:06}.png", std::lround(age_ns * 1e-8)));
+    const auto number = std::lround(age_ns / static_cast<double>(interval_ns));
+    const auto image = seen.find(fmt::format("{:06}.png", number));
     if (image == seen.end()) continue;
     EXPECT_EQ(image->second, replayed.at(fmt::format("{:06}.png", i))) << i;
     ++compared;
