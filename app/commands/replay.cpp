@@ -1,8 +1,10 @@
 // penumbra replay RECORDING: augments a recording in a window; writes video, poses, report.
 
 #include <algorithm>
+#include <array>
 #include <memory>
 #include <ranges>
+#include <string_view>
 
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
@@ -48,10 +50,12 @@ std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
 Result<void> take_session(CLI::App& command, ReplayOptions& options) {
   PENUMBRA_TRY(options.session, load_session_record(options.request.recording));
   if (!options.session) return {};
+  constexpr std::array<std::string_view, 3> kOfTracking = {"--tracking", "--pose-budget",
+                                                           "--smooth"};
   for (const auto& [name, value] : options.session->options) {
     CLI::Option* option = command.get_option_no_throw(name);
     const bool excluded = (name == "--shadow" && !options.compare.empty()) ||
-                          (name == "--smooth" && options.request.poses_from);
+                          (options.request.poses_from && std::ranges::count(kOfTracking, name) > 0);
     if (option == nullptr || option->count() > 0 || excluded) continue;
     try {
       option->add_result(value);
