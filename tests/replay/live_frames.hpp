@@ -18,6 +18,19 @@
 
 namespace penumbra::test {
 
+// Returns the arguments of a live session that plays the recording `tabletop`. It is recorded in
+// FOLDER/session, its images are in FOLDER/live and its poses in FOLDER/live.tum.
+inline std::vector<std::string> live_arguments(const std::filesystem::path& folder,
+                                               const std::vector<std::string>& more) {
+  std::vector<std::string> words = {
+      "live",          "--camera",         "recording:" + bundled("tabletop"),
+      "--record",      folder / "session", "--output",
+      folder / "live", "--poses",          folder / "live.tum",
+      "--poses-all"};
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
 // Replays FOLDER/session with the poses of FOLDER/live.tum to FOLDER/NAME; returns the images.
 // `done`: result of the program.
 inline std::map<std::string, std::string> replay_session(const std::filesystem::path& folder,

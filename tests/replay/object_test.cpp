@@ -241,27 +241,10 @@ TEST_F(ObjectOption, RefusesToSaveNameThatIsNotUtf8) {
 // A recorded session contains its added objects: a replay without options shows the same frames.
 TEST_F(ObjectOption, RecordsObjectsForReplay) {
   const std::string toy = write_obj("toy.obj");
-  const ProgramResult live = penumbra({"live",
-                                       "--camera",
-                                       "recording:" + bundled("tabletop"),
-                                       "--object",
-                                       toy + ",up=y",
-                                       "--object",
-                                       write_moving_square() + ",animation=all",
-                                       "--record",
-                                       path("session"),
-                                       "--output",
-                                       path("live"),
-                                       "--poses",
-                                       path("live.tum"),
-                                       "--poses-all",
-                                       "--fps",
-                                       "10",
-                                       "--duration",
-                                       "2",
-                                       "--no-window",
-                                       "--save-scene",
-                                       path("saved.json")});
+  const ProgramResult live = penumbra(live_arguments(
+      folder_.path(),
+      {"--object", toy + ",up=y", "--object", write_moving_square() + ",animation=all", "--fps",
+       "10", "--duration", "2", "--no-window", "--save-scene", path("saved.json")}));
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto replayed = [&](const std::string& name, const std::vector<std::string>& more) {
     return replay_session(folder_.path(), name, more, last_);

@@ -46,27 +46,13 @@ class SessionRecord : public testing::Test {
     write("scene/board.json", kScene);
     write("toy.obj",
           "v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nv 0 0 0.05\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
-    std::vector<std::string> words = {"live",
-                                      "--camera",
-                                      "recording:" + bundled("tabletop"),
-                                      "--scene",
-                                      path("scene/board.json"),
-                                      "--object",
-                                      path("toy.obj"),
-                                      "--record",
-                                      path("session"),
-                                      "--output",
-                                      path("live"),
-                                      "--poses",
-                                      path("live.tum"),
-                                      "--poses-all",
-                                      "--fps",
-                                      "10",
-                                      "--duration",
-                                      "1.5",
+    std::vector<std::string> words = {"--scene",    path("scene/board.json"),
+                                      "--object",   path("toy.obj"),
+                                      "--fps",      "10",
+                                      "--duration", "1.5",
                                       "--no-window"};
     words.insert(words.end(), more.begin(), more.end());
-    last_ = penumbra(words);
+    last_ = penumbra(live_arguments(folder_.path(), words));
     ASSERT_EQ(last_.exit_code, 0) << last_.err;
     fs::remove_all(path("scene"));
     fs::remove(path("toy.obj"));

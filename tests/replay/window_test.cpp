@@ -92,33 +92,19 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
       << R"("position":[0,0,0.06],"animation":{"spin":{"turns_per_s":0.1}}}],)"
       << R"("lights":[{"name":"lamp","kind":"point","position":[-0.2,-0.1,0.9]}],)"
       << R"("shadows":[{"name":"shadow","technique":"layered"}]})";
+  std::vector<std::string> dragging = {
+      (source_dir() / "tests" / "support" / "drag-by-mouse").string(),
+      path("session/events.jsonl"),
+      path("live"),
+      "320 240",
+      "380 250",
+      program().string()};
+  const auto session = live_arguments(
+      folder.path(), {"--calibration", bundled("tabletop") + "/camera.yaml", "--scene",
+                      path("scene.json"), "--fps", "15", "--duration", "120"});
+  dragging.insert(dragging.end(), session.begin(), session.end());
   const ProgramResult live =
-      run_program(source_dir() / "tests" / "support" / "with-display",
-                  {(source_dir() / "tests" / "support" / "drag-by-mouse").string(),
-                   path("session/events.jsonl"),
-                   path("live"),
-                   "320 240",
-                   "380 250",
-                   program().string(),
-                   "live",
-                   "--camera",
-                   "recording:" + bundled("tabletop"),
-                   "--calibration",
-                   bundled("tabletop") + "/camera.yaml",
-                   "--scene",
-                   path("scene.json"),
-                   "--record",
-                   path("session"),
-                   "--output",
-                   path("live"),
-                   "--poses",
-                   path("live.tum"),
-                   "--poses-all",
-                   "--fps",
-                   "15",
-                   "--duration",
-                   "120"},
-                  {}, folder.path());
+      run_program(source_dir() / "tests" / "support" / "with-display", dragging, {}, folder.path());
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto replayed = [&](const char* name, const std::vector<std::string>& more) {
     std::vector<std::string> words = {"--scene", path("scene.json")};
