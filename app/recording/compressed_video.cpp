@@ -188,8 +188,7 @@ std::vector<std::string> notices_of(const Container& container) {
   }
   if (orientation.unsupported) {
     add("its display matrix mirrors the image or rotates it by another angle than 90 degrees; it "
-        "is "
-        "ignored");
+        "is ignored");
   }
   const AVFieldOrder order = stream.codecpar->field_order;
   if (order != AV_FIELD_UNKNOWN && order != AV_FIELD_PROGRESSIVE)

@@ -35,12 +35,12 @@ class RecordingFeed final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
-      // Number of the next frame, or of a later frame that is already due.
       // A video decodes every frame, so it plays slower instead of dropping frames.
       if (recording_.is_video_file()) {
         *start_ = std::max(*start_, Clock::now() - static_cast<std::int64_t>(next_) * interval_);
       }
       const auto elapsed = Clock::now() - *start_;
+      // Number of the next frame, or of a later frame that is already due.
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
       if (sequence > next_) {

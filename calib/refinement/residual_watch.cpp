@@ -173,8 +173,7 @@ std::vector<std::string> ResidualWatch::new_notices(const ResidualCauses& causes
   notices.push_back(fmt::format(
       "the tag corners have a systematic residual of {:.2f} px, which displaces the overlay by "
       "about {:.1f} px; the {} seems wrong: --refine-map with --refine-camera of replay or live, "
-      "or "
-      "penumbra map --refine-camera",
+      "or penumbra map --refine-camera",
       causes.rms_px, causes.pose_px, text_of(suspects_)));
   return notices;
 }

@@ -213,8 +213,7 @@ std::string tag_map_text(const TagMap& map) {
       "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
       "of\n# the paper. size_m: edge of the black border's outer square. position, "
       "quaternion_xyzw: the tag\n# frame in the table frame. surface: curvatures [xx, xy, yy] of "
-      "the "
-      "paper in the tag frame [1/m].\ntags:\n";
+      "the paper in the tag frame [1/m].\ntags:\n";
   for (const MappedTag& tag : map.tags()) {
     const Eigen::Vector3d& p = tag.T_table_tag.translation();
     const Eigen::Quaterniond& q = tag.T_table_tag.rotation();
