@@ -39,6 +39,17 @@ std::vector<HudNode> SessionHost::nodes() const {
   return nodes;
 }
 
+void SessionHost::start_again() {
+  history_.start_again(session_);
+  for (const HudNode& first : first_nodes_) {
+    for (const HudNode& node : nodes()) {
+      if (node.name == first.name && node.style != first.style)
+        session_.edit(ShadowStyled{first.name, first.style});
+    }
+  }
+  if (session_.drawn_view() != first_view_) session_.edit(first_view_);
+}
+
 void SessionHost::redraw() {
   if (!last_ || last_->tracked.frame.empty()) return;
   auto drawn = session_.redraw(last_->tracked);

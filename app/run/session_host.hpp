@@ -43,7 +43,10 @@ class SessionHost : public RunHost {
  public:
   // `session` and `run` must outlive this object.
   SessionHost(Session& session, RunRecorder& run, std::optional<int> frame_count = std::nullopt)
-      : RunHost(run, frame_count), session_(session) {}
+      : RunHost(run, frame_count),
+        session_(session),
+        first_view_(session.drawn_view()),
+        first_nodes_(SessionHost::nodes()) {}
 
   // Releases the latest frame's buffer, so that the frame can't be drawn again.
   void forget_frame();
@@ -58,6 +61,7 @@ class SessionHost : public RunHost {
   [[nodiscard]] std::string add_object(const std::filesystem::path& file) override;
   [[nodiscard]] std::string undo() override { return history_.undo(session_); }
   [[nodiscard]] std::string reset() override { return history_.reset(session_); }
+  void start_again() override;
   // Saves the arrangement in the current folder.
   [[nodiscard]] std::string save_scene() override;
   [[nodiscard]] Translucency translucency() const override {
@@ -75,6 +79,8 @@ class SessionHost : public RunHost {
   [[nodiscard]] const Scene& scene() const override { return *session_.view().scene; }
 
   Session& session_;
+  ViewChanged first_view_;  // at the start of the run
+  std::vector<HudNode> first_nodes_;
   Eigen::AlignedBox2d sheet_ = sheet_area(nullptr);
   EditHistory history_;
 };

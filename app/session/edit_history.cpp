@@ -45,11 +45,11 @@ std::string text_of(const SceneEdit& edit) {
 
 void EditHistory::begin_move(const Session& session, const std::string& object) {
   if (object_named(session, object) == nullptr) return;
-  undo_.push_back({session.place_of(object)});
+  remember({session.place_of(object)});
 }
 
 void EditHistory::note_added(const std::string& object) {
-  undo_.push_back({ObjectRemoved{object, true}});
+  remember({ObjectRemoved{object, true}});
   added_.insert(object);
 }
 
@@ -82,8 +82,20 @@ std::string EditHistory::reset(Session& session) {
   }
   if (changes.empty()) return "every object is where it was at the start";
   for (const SceneEdit& edit : changes) session.edit(edit);
-  undo_.push_back(std::move(reverts));
+  remember(std::move(reverts));
   return "objects are back as at the start";
+}
+
+void EditHistory::start_again(Session& session) {
+  (void)reset(session);
+  undo_.clear();
+}
+
+// Forgets the oldest change of a long session.
+void EditHistory::remember(std::vector<SceneEdit> reverts) {
+  constexpr std::size_t kMaxChanges = 1000;
+  if (undo_.size() == kMaxChanges) undo_.pop_front();
+  undo_.push_back(std::move(reverts));
 }
 
 }  // namespace penumbra

@@ -1,6 +1,7 @@
 // Undo and reset of the objects that the user moved or added in a session.
 #pragma once
 
+#include <deque>
 #include <set>
 #include <string>
 #include <vector>
@@ -20,10 +21,14 @@ class EditHistory {
   // Puts objects back to the start of the session and removes those added since. An undo reverts
   // this. Returns a message for the user.
   [[nodiscard]] std::string reset(Session& session);
+  // Does the same, and then forgets all changes, so that none can be reverted.
+  void start_again(Session& session);
 
  private:
-  std::vector<std::vector<SceneEdit>> undo_;  // edits that revert each change, latest last
-  std::set<std::string> added_;               // objects that reset() removes
+  void remember(std::vector<SceneEdit> reverts);
+
+  std::deque<std::vector<SceneEdit>> undo_;  // edits that revert each change, latest last
+  std::set<std::string> added_;              // objects that reset() removes
 };
 
 }  // namespace penumbra

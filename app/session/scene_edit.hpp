@@ -57,6 +57,7 @@ struct ViewChanged {
   Translucency translucency = Translucency::automatic;
   bool walls = true;    // virtual walls are shown
   bool smooth = false;  // the drawn pose is smoothed
+  friend bool operator==(const ViewChanged&, const ViewChanged&) = default;
 };
 
 using SceneEdit =

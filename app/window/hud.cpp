@@ -24,6 +24,8 @@ constexpr std::array kKeys = {
     Key{GLFW_KEY_F11, WindowCommand::full_screen},
     Key{GLFW_KEY_F, WindowCommand::full_screen},
     Key{GLFW_KEY_H, WindowCommand::hud},
+    Key{GLFW_KEY_TAB, WindowCommand::menu},
+    Key{GLFW_KEY_I, WindowCommand::details},
     Key{GLFW_KEY_F1, WindowCommand::help},
     Key{GLFW_KEY_D, WindowCommand::debug},
     Key{GLFW_KEY_P, WindowCommand::panels},
@@ -53,6 +55,8 @@ constexpr std::string_view kNotCalibrated = "not calibrated: press V to calibrat
 
 constexpr std::array kHelp = {
     KeyHelp{"F1", "this help"},
+    KeyHelp{"Tab", "menu; arrow keys and Enter choose in it and in the panels"},
+    KeyHelp{"I", "details: pose, tags, times, camera"},
     KeyHelp{"H", "HUD shown or hidden"},
     KeyHelp{"P", "panels: translucency, technique, H and a, strength, kernels"},
     KeyHelp{"C", "compact layout with large buttons, or full"},
@@ -67,7 +71,7 @@ constexpr std::array kHelp = {
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},
     KeyHelp{"V", "calibrate the camera with this sheet (live)"},
-    KeyHelp{"F11  F   Esc  Q", "full screen, quit"},
+    KeyHelp{"F11  F   Esc  Q", "full screen, quit (Esc first closes menu, panels and help)"},
     KeyHelp{"left drag", "object along the table (or as chosen by X, Z, Y, T)"},
     KeyHelp{"middle drag, Shift + left", "object up and sideways"},
     KeyHelp{"right drag", "object up and away"},
@@ -93,6 +97,10 @@ int first_digit(const WindowEvent& event) {
 
 std::span<const KeyHelp> key_help() {
   return kHelp;
+}
+
+bool is_close_key(const WindowEvent& event) {
+  return is_plain_key(event) && event.code == GLFW_KEY_ESCAPE;
 }
 
 bool is_number_key(const WindowEvent& event) {
@@ -178,7 +186,7 @@ std::string age_text(const HudState& state) {
 
 std::vector<std::string> warnings_of(const HudState& state) {
   std::vector<std::string> warnings;
-  if (!state.calibrated) warnings.emplace_back(kNotCalibrated);
+  if (!state.calibrated && !state.locked) warnings.emplace_back(kNotCalibrated);
   if (state.stalled_s) warnings.push_back(age_text(state));
   if (state.trouble) warnings.push_back("camera: " + *state.trouble);
   if (state.recording && state.recording->error) {
@@ -186,6 +194,87 @@ std::vector<std::string> warnings_of(const HudState& state) {
     warnings.push_back(*state.recording->error);
   }
   return warnings;
+}
+
+namespace {
+
+const char* effect_of(DragMode mode) {
+  static_assert(kDragCommands.size() == static_cast<std::size_t>(DragMode::turn) + 1);
+  return kDragCommands[static_cast<std::size_t>(mode)].effect;
+}
+
+// Returns what the user should do about the pose; empty if nothing.
+std::string advice_on(const PoseEstimate& pose) {
+  switch (pose.status) {
+    case TrackStatus::tracked:
+      break;
+    case TrackStatus::uncertain:
+      return pose.reason.cause == PoseCause::two_poses ? "tilt the view: two poses fit the tags"
+                                                       : "show more tags, or come closer";
+    case TrackStatus::held:
+      return "keep the tags in view";
+    case TrackStatus::lost:
+      return "show the tags to the camera";
+  }
+  return {};
+}
+
+std::string next_step(const HudState& state) {
+  if (!state.has_image) return state.live ? "the camera starts" : "the recording opens";
+  if (state.paused) return "space: go on";
+  if (!state.calibrated) return "V: calibrate the camera";
+  if (std::string advice = advice_on(state.pose); !advice.empty()) return advice;
+  return state.selected.empty()
+             ? "drag an object to move it"
+             : fmt::format("dragging {} {}: U undoes", state.selected, effect_of(state.drag));
+}
+
+}  // namespace
+
+StatusLine status_line_of(const HudState& state) {
+  StatusLine line;
+  line.state = {std::string(to_string(state.pose.status)), status_of(state.pose).color};
+  if (!state.has_image) line.state.text = "no image yet";
+  if (state.has_image && !state.calibrated && state.pose.status == TrackStatus::uncertain)
+    line.state.text = "not calibrated";
+  if (state.paused) line.state.text += ", paused";
+  if (state.has_image) line.rate = fmt::format("{:.0f} frames/s", state.frames_per_s);
+  if (state.recording && !state.recording->error)
+    line.recording = fmt::format("REC {}", state.recording->written);
+  line.next = next_step(state);
+  if (state.stalled_s) line.next = age_text(state);
+  if (state.trouble) line.next = "camera: " + *state.trouble;
+  if (state.recording && state.recording->error)
+    line.next = "recording FAILED: " + *state.recording->error;
+  line.warns = state.stalled_s || state.trouble || (state.recording && state.recording->error);
+  return line;
+}
+
+std::vector<MenuEntry> menu_of(const HudState& state) {
+  const auto next_drag =
+      kDragCommands[(static_cast<std::size_t>(state.drag) + 1) % kDragCommands.size()].command;
+  std::vector<MenuEntry> entries = {
+      {"Shadow: " + technique_text(state.nodes), "Shadow: layered", "N",
+       WindowCommand::next_technique},
+      {"Drag: " + std::string(effect_of(state.drag)), "Drag: up and sideways", "X Z Y T",
+       next_drag},
+      {state.paused ? "Go on" : "Pause", "Pause", "space", WindowCommand::pause},
+      {"Next frame", "Next frame", ".", WindowCommand::step},
+      {"Save image", "Save image", "S", WindowCommand::screenshot}};
+  if (state.live) {
+    entries.push_back({state.recording ? "Stop recording" : "Record", "Stop recording", "R",
+                       WindowCommand::record});
+  }
+  const MenuEntry rest[] = {{"Undo", "Undo", "U", WindowCommand::undo},
+                            {"Settings", "Settings", "P", WindowCommand::panels},
+                            {"Details", "Details", "I", WindowCommand::details},
+                            {"Debug", "Debug", "D", WindowCommand::debug},
+                            {"Help", "Help", "F1", WindowCommand::help},
+                            {"Hide all", "Hide all", "H", WindowCommand::hud},
+                            {"Full screen", "Full screen", "F11", WindowCommand::full_screen},
+                            {"Quit", "Quit", "Q", WindowCommand::quit}};
+  entries.insert(entries.end(), std::begin(rest), std::end(rest));
+  return entries;
 }
 
 std::string recording_text(const HudRecording& recording) {

@@ -29,6 +29,8 @@ enum class WindowCommand {
   record,
   full_screen,
   hud,
+  menu,
+  details,
   help,
   debug,
   panels,
@@ -50,15 +52,17 @@ enum class WindowCommand {
   next_node,  // selects the nodes that the technique keys change: all or one
 };
 
-// Names and commands of the drag modes, in the order of DragMode.
+// Names, effects and commands of the drag modes, in the order of DragMode.
 struct DragCommand {
   const char* name;
+  const char* effect;
   WindowCommand command;
 };
-inline constexpr std::array<DragCommand, 4> kDragCommands = {{{"slide", WindowCommand::slide},
-                                                              {"lift", WindowCommand::lift},
-                                                              {"reach", WindowCommand::reach},
-                                                              {"turn", WindowCommand::turn}}};
+inline constexpr std::array<DragCommand, 4> kDragCommands = {
+    {{"slide", "along the table", WindowCommand::slide},
+     {"lift", "up and sideways", WindowCommand::lift},
+     {"reach", "up and away", WindowCommand::reach},
+     {"turn", "to turn it", WindowCommand::turn}}};
 
 struct KeyHelp {
   std::string_view keys;
@@ -68,6 +72,7 @@ struct KeyHelp {
 [[nodiscard]] std::span<const KeyHelp> key_help();
 // Returns nullopt for a key without a command, and for the number keys of technique_of_key().
 [[nodiscard]] std::optional<WindowCommand> command_of_key(const WindowEvent& event);
+[[nodiscard]] bool is_close_key(const WindowEvent& event);   // Esc: closes panels before it quits
 [[nodiscard]] bool is_number_key(const WindowEvent& event);  // includes the keypad's digits
 // Key 0 is none, 1 the first technique after none, and so on.
 [[nodiscard]] std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event);
@@ -96,6 +101,7 @@ struct HudState {
   bool live = false;
   bool has_image = false;
   bool calibrated = true;          // false: the lens is a guess
+  bool locked = false;             // the keys of a kiosk are locked
   std::uint64_t frame = 0;         // frame number
   std::optional<int> frame_count;  // number of frames of a recording
   PoseEstimate pose;
@@ -131,8 +137,9 @@ struct HudState {
 };
 
 struct HudPanels {
-  bool help = false, debug = false, panels = false;  // panels that are open
-  bool compact = false;  // short texts and large buttons, for small screens
+  // Panels that are open, beside the status line.
+  bool help = false, debug = false, panels = false, details = false, menu = false;
+  bool compact = false;  // large buttons without keys, for small screens
 };
 
 struct HudActions {
@@ -152,6 +159,25 @@ struct HudStatus {
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
 // The table's pose, or what prevents it: no image yet, or no calibration.
 [[nodiscard]] HudStatus status_of(const HudState& state);
+
+// The line that is always shown.
+struct StatusLine {
+  HudStatus state;        // "tracked"
+  std::string rate;       // "30 frames/s"; empty before the first frame
+  std::string recording;  // "REC 512"; empty if nothing is recorded
+  std::string next;       // what to do next: "drag an object to move it"
+  bool warns = false;     // `next` reports a fault
+};
+[[nodiscard]] StatusLine status_line_of(const HudState& state);
+
+struct MenuEntry {
+  std::string label;    // "Record"
+  const char* longest;  // the longest label that this entry can have
+  const char* key;      // "R"
+  WindowCommand command;
+};
+[[nodiscard]] std::vector<MenuEntry> menu_of(const HudState& state);
+
 // Returns warnings, which are shown even while the HUD is hidden: a stalled image, a camera fault,
 // a failed recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);

@@ -10,52 +10,44 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <map>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "app/window/hud_text.hpp"
 #include "app/window/overlay_renderer.hpp"
+#include "app/window/settings_panel.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
+#include "core/text/text.hpp"
 #include "render/gl/framebuffer.hpp"
-#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
-constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
+// Heights of the fonts [px], and of the smallest windows that use each but the first (16:9).
+constexpr std::array<float, 5> kFontSizes = {15.0F, 18.0F, 24.0F, 34.0F, 48.0F};
+constexpr std::array<int, 4> kFontWindows = {600, 900, 1300, 1800};
 constexpr float kTouchHeight = 46.0F;  // height of a touch button [px at a font of 15 px]
+constexpr float kMaxLineShare = 0.1F;  // greatest share of the window's height for the status line
 constexpr float kHelpWidth = 48.0F;    // [em] narrower windows wrap the lines of the help
 constexpr float kHelpColumns = 26.0F;  // [em] narrower windows show a key above its text
 constexpr float kPanelWidth = 12.0F;   // [em] narrower panels clip their texts
-constexpr int kHandheldHeight = 400;   // [px] a smaller width or height shows fewer lines
+constexpr int kHandheldHeight = 400;   // [px] in lower windows the panels cover the status
 constexpr std::size_t kMaxDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
                                     ImGuiWindowFlags_NoSavedSettings |
                                     ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 constexpr ImGuiWindowFlags kFitted = kPlain | ImGuiWindowFlags_AlwaysAutoResize;
+// A window with settings or buttons that take the keyboard: arrow keys choose, Enter presses.
+constexpr ImGuiWindowFlags kFocused =
+    kFitted & ~(ImGuiWindowFlags_NoNav | ImGuiWindowFlags_NoFocusOnAppearing);
 constexpr ImGuiWindowFlags kScrolled = kFitted & ~ImGuiWindowFlags_NoScrollbar;
+constexpr ImGuiWindowFlags kScrolledFocused = kFocused & ~ImGuiWindowFlags_NoScrollbar;
 
-ImVec4 to_imgui(const HudColor& color) {
-  return {color.red, color.green, color.blue, color.alpha};
-}
-
-constexpr HudColor kWhite = {1.0F, 1.0F, 1.0F, 1.0F};
-constexpr HudColor kWarning = {1.0F, 0.55F, 0.45F, 1.0F};
 constexpr HudColor kKernelDot = {0.25F, 0.85F, 1.0F, 0.9F};
-constexpr HudColor kQuiet = {0.72F, 0.76F, 0.80F, 1.0F};
-
-void text(const std::string& line) {
-  ImGui::TextUnformatted(line.data(), line.data() + line.size());
-}
-void text(const HudColor& color, const std::string& line) {
-  ImGui::PushStyleColor(ImGuiCol_Text, to_imgui(color));
-  text(line);
-  ImGui::PopStyleColor();
-}
 
 std::string measured_tags(const PoseEstimate& pose) {
   std::string line = fmt::format("tags {}", pose.tags_used);
@@ -92,24 +84,6 @@ const char* name_of(DragMode mode) {
   return kDragCommands[static_cast<std::size_t>(mode)].name;
 }
 
-WindowCommand next_drag(DragMode mode) {
-  return kDragCommands[(static_cast<std::size_t>(mode) + 1) % kDragCommands.size()].command;
-}
-
-// Draws a drop-down list of named values, labelled `shown`. Returns true if a value was chosen.
-bool choose(const char* id, const std::string& shown, const auto& names, auto& value) {
-  if (!ImGui::BeginCombo(id, shown.c_str())) return false;
-  bool chosen = false;
-  for (const auto& entry : names) {
-    if (ImGui::Selectable(std::string(entry.name).c_str(), entry.value == value)) {
-      value = entry.value;
-      chosen = true;
-    }
-  }
-  ImGui::EndCombo();
-  return chosen;
-}
-
 #if IMGUI_VERSION_NUM >= 18700  // Debian 13
 constexpr auto kKeypadEnter = ImGuiKey_KeypadEnter;
 #else
@@ -133,7 +107,7 @@ struct Overlay::Impl {
     ImGuiIO& io = ImGui::GetIO();
     io.IniFilename = nullptr;  // writes no file beside the program
     io.LogFilename = nullptr;
-    io.ConfigFlags |= ImGuiConfigFlags_NoMouseCursorChange;
+    io.ConfigFlags |= ImGuiConfigFlags_NoMouseCursorChange | ImGuiConfigFlags_NavEnableKeyboard;
     io.KeyMap[ImGuiKey_Backspace] = GLFW_KEY_BACKSPACE;
     io.KeyMap[ImGuiKey_Delete] = GLFW_KEY_DELETE;
     io.KeyMap[ImGuiKey_Enter] = GLFW_KEY_ENTER;
@@ -141,6 +115,9 @@ struct Overlay::Impl {
     io.KeyMap[ImGuiKey_Escape] = GLFW_KEY_ESCAPE;
     io.KeyMap[ImGuiKey_LeftArrow] = GLFW_KEY_LEFT;
     io.KeyMap[ImGuiKey_RightArrow] = GLFW_KEY_RIGHT;
+    io.KeyMap[ImGuiKey_UpArrow] = GLFW_KEY_UP;
+    io.KeyMap[ImGuiKey_DownArrow] = GLFW_KEY_DOWN;
+    io.KeyMap[ImGuiKey_Space] = GLFW_KEY_SPACE;
     io.KeyMap[ImGuiKey_Home] = GLFW_KEY_HOME;
     io.KeyMap[ImGuiKey_End] = GLFW_KEY_END;
     ImGui::StyleColorsDark();
@@ -161,7 +138,8 @@ struct Overlay::Impl {
   // Sets all sizes in proportion to the font.
   void set_style(GlContext::Size size, bool compact) {
     const int wide_height = std::min(size.height, size.width * 9 / 16);  // height of a 16:9 screen
-    const std::size_t at = wide_height < 600 ? 0 : wide_height < 900 ? 1 : 2;
+    const auto at = static_cast<std::size_t>(
+        std::ranges::count_if(kFontWindows, [&](int least) { return wide_height >= least; }));
     font = sized[at];
     em = kFontSizes[at];
     ImGuiStyle style;
@@ -177,7 +155,7 @@ struct Overlay::Impl {
       style.GrabMinSize = 2.0F * em;
       style.ScrollbarSize = 1.8F * em;
     }
-    style.Colors[ImGuiCol_WindowBg] = {0.05F, 0.06F, 0.08F, 0.72F};
+    style.Colors[ImGuiCol_WindowBg] = {0.05F, 0.06F, 0.08F, 0.58F};
     style.Colors[ImGuiCol_PopupBg] = {0.08F, 0.09F, 0.11F, 0.96F};
     style.Colors[ImGuiCol_Button] = {0.20F, 0.27F, 0.36F, 0.90F};
     ImGui::GetStyle() = style;
@@ -197,6 +175,7 @@ struct Overlay::Impl {
     }
     set_style(size, compact);
     windows.clear();
+    panels_left = width;
     ImGui::NewFrame();
     ImGui::PushFont(font);
   }
@@ -223,277 +202,184 @@ struct Overlay::Impl {
     if (ImGui::Button(label.c_str(), size)) actions.commands.push_back(command);
   }
 
-  // Shows the pose's status; returns the rate and age of the frames.
-  static std::string pose_status(const HudState& state, int rate_digits) {
-    const HudStatus status = status_of(state);
-    text(status.color, status.text);
-    if (state.paused) {
-      ImGui::SameLine();
-      text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
-    }
-    const std::string age = age_text(state);
-    return fmt::format("{:.{}f} frames/s{}{}", state.frames_per_s, rate_digits,
-                       age.empty() ? "" : "   ", age);
+  // Height of a button for fingers [px]; the status line may not cover more of a low window.
+  [[nodiscard]] float touch_height() const {
+    return std::max(std::min(kTouchHeight * em / kFontSizes[0], std::floor(kMaxLineShare * height)),
+                    1.3F * em);
   }
 
-  void status(const HudState& state) {
-    text(pose_status(state, 1) + "   " + frame_number_text(state));
-    text(measured_tags(state.pose));
-    if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
+  // Draws the line that is always shown: the menu's button, the state, the frame rate, and what to
+  // do next.
+  void status_line(const HudState& state, bool compact, HudActions& actions) {
+    const float gap = compact ? 0.0F : 0.5F * em;
+    ImGui::PushStyleVar(ImGuiStyleVar_WindowMinSize, ImVec2(1.0F, 1.0F));
+    ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(compact ? 0.0F : 0.3F * em, 0.0F));
+    ImGui::PushStyleVar(
+        ImGuiStyleVar_FramePadding,
+        compact ? ImVec2(0.7F * em, 0.5F * (touch_height() - em)) : ImVec2(0.5F * em, 0.35F * em));
+    begin_window("line", {gap, gap}, {0.0F, 0.0F}, kFitted);
+    button("Menu", WindowCommand::menu, actions);
+    const auto add = [&](const HudColor& color, std::string words) {
+      ImGui::SameLine(0.0F, 0.8F * em);
+      const float left = width - gap - 0.5F * em - ImGui::GetCursorScreenPos().x;
+      ImGui::AlignTextToFramePadding();
+      hud_text(color, that_fits(std::move(words), left));
+    };
+    const StatusLine line = status_line_of(state);
+    const auto width_of = [this](const std::string& words) {
+      return ImGui::CalcTextSize(words.c_str()).x + 0.8F * em;
+    };
+    add(line.state.color, line.state.text);
+    // A narrow window has room for the advice, or the fault, in place of the rate.
+    const float others = width_of(line.rate) + width_of(line.recording) + width_of(line.next);
+    if (!line.rate.empty() && ImGui::GetItemRectMax().x + others + em < width)
+      add(kHudWhite, line.rate);
+    if (!line.recording.empty()) add(kHudWarning, line.recording);
+    add(line.warns ? kHudWarning : kHudQuiet, line.next);
+    if (compact) {
+      ImGui::SameLine(0.0F, 0.8F * em);
+      ImGui::Dummy({0.0F, 0.0F});
+    }
+    line_bottom = status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
+    end_window();
+    ImGui::PopStyleVar(3);
+  }
+
+  // Cuts the end of a text that is too long.
+  static std::string that_fits(std::string words, float max_width) {
+    if (ImGui::CalcTextSize(words.c_str()).x <= max_width) return words;
+    while (!words.empty() && ImGui::CalcTextSize((words + "...").c_str()).x > max_width)
+      words = std::string(first_characters(words, words.size() - 1));
+    return words.empty() ? words : words + "...";
+  }
+
+  void details(const HudState& state, bool compact) {
+    const float gap = compact ? 0.0F : 0.5F * em;
+    begin_window("details", {gap, status_bottom + 0.3F * em}, {0.0F, 0.0F}, kFitted);
+    ImGui::PushTextWrapPos(compact ? width - em : 0.45F * width);
+    const HudStatus status = status_of(state);
+    hud_text(status.color, status.text);
+    std::string line = fmt::format("{:.1f} frames/s", state.frames_per_s);
+    if (const std::string age = age_text(state); !age.empty()) line += "   " + age;
+    hud_text(line + "   " + frame_number_text(state));
+    hud_text(measured_tags(state.pose));
+    if (state.smoothed) hud_text(kHudQuiet, smoothing_text(*state.smoothed));
     for (const GroupEstimate& group : state.groups) {
       const HudStatus of_group = status_of(group);
-      text(of_group.color, of_group.text);
+      hud_text(of_group.color, of_group.text);
     }
-    text("shadows: " + technique_text(state.nodes));
-    if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
+    hud_text("shadows: " + technique_text(state.nodes));
+    if (const std::string times = stage_times(state); !times.empty()) hud_text(kHudQuiet, times);
     camera_and_recording(state);
-  }
-
-  // Draws a strip of measurements; fewer on a handheld's small screen.
-  void compact_status(const HudState& state, bool handheld) {
-    std::string line = pose_status(state, 0);
-    if (handheld) {
-      const float right = ImGui::GetItemRectMax().x + ImGui::CalcTextSize(line.c_str()).x;
-      if (right + 1.4F * em < width) {
-        ImGui::SameLine();
-        line.insert(0, "  ");
-      }
-      text(line);
-      text(measured_tags(state.pose));
-    } else {
-      text(line + "   " + measured_tags(state.pose));
-      if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
-      if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
-    }
-    camera_and_recording(state, !handheld);
-  }
-
-  void camera_and_recording(const HudState& state, bool selection = true) {
-    if (state.live) {
-      const std::string faults = count_of_faults(state);
-      text(kQuiet, fmt::format("dropped {}{}", state.frames_dropped,
-                               faults.empty() ? "" : "   camera:" + faults));
-      if (state.trouble) text(kWarning, "camera: " + *state.trouble);
-    }
-    if (state.recording) {
-      const HudRecording& recording = *state.recording;
-      text(kWarning, recording_text(recording));
-      if (recording.error) text(kWarning, *recording.error);
-    }
-    if (selection && !state.selected.empty()) {
-      text(kQuiet, fmt::format("selected: {}   drag: {}", state.selected, name_of(state.drag)));
-    }
-  }
-
-  void full_layout(const HudState& state, HudActions& actions) {
-    const float gap = 0.5F * em;
-    begin_window("status", {gap, gap}, {0.0F, 0.0F}, kFitted);
-    ImGui::PushTextWrapPos(0.45F * width);
-    status(state);
-    end_status();
-    begin_window("buttons", {gap, height - gap}, {0.0F, 1.0F}, kFitted);
-    std::vector<std::pair<std::string, WindowCommand>> buttons = {
-        {"Help F1", WindowCommand::help},
-        {"Panels P", WindowCommand::panels},
-        {"Debug D", WindowCommand::debug},
-        {state.paused ? "Go on" : "Pause", WindowCommand::pause},
-        {"Screenshot S", WindowCommand::screenshot}};
-    if (state.live) {
-      buttons.emplace_back(state.recording ? "Stop rec. R" : "Record R", WindowCommand::record);
-    }
-    buttons.emplace_back(fmt::format("Drag: {}###drag", name_of(state.drag)),
-                         next_drag(state.drag));
-    buttons.emplace_back("Hide H", WindowCommand::hud);
-    for (std::size_t i = 0; i < buttons.size(); ++i) {
-      if (i > 0) ImGui::SameLine();
-      button(buttons[i].first, buttons[i].second, actions);
-    }
-    end_buttons();
-  }
-
-  void end_status() {
     ImGui::PopTextWrapPos();
     status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     end_window();
   }
-  void end_buttons() {
-    buttons_height = ImGui::GetWindowSize().y;
-    end_window();
+
+  static void camera_and_recording(const HudState& state) {
+    if (state.live) {
+      const std::string faults = count_of_faults(state);
+      hud_text(kHudQuiet, fmt::format("dropped {}{}", state.frames_dropped,
+                                      faults.empty() ? "" : "   camera:" + faults));
+      if (state.trouble) hud_text(kHudWarning, "camera: " + *state.trouble);
+    }
+    if (state.recording) {
+      const HudRecording& recording = *state.recording;
+      hud_text(kHudWarning, recording_text(recording));
+      if (recording.error) hud_text(kHudWarning, *recording.error);
+    }
+    if (!state.selected.empty()) {
+      hud_text(kHudQuiet,
+               fmt::format("selected: {}   drag: {}", state.selected, name_of(state.drag)));
+    }
   }
 
-  void compact_layout(const HudState& state, HudActions& actions) {
-    ImGui::SetNextWindowSize({width, 0.0F});
-    begin_window("status", {0.0F, 0.0F}, {0.0F, 0.0F}, kPlain);
-    ImGui::PushTextWrapPos(width - 0.6F * em);
-    compact_status(state, std::min(width, height) < static_cast<float>(kHandheldHeight));
-    end_status();
-
-    ImGui::SetNextWindowSize({width, 0.0F});
+  // Draws the menu's buttons along the lower edge: all of one size for fingers in the compact
+  // layout, else each as wide as its label, which names the key.
+  void menu(const HudState& state, bool compact, HudActions& actions) {
+    const std::vector<MenuEntry> entries = menu_of(state);
+    const float gap = compact ? 0.0F : 0.5F * em;
     ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(0.2F * em, 0.2F * em));
     ImGui::PushStyleVar(ImGuiStyleVar_ItemSpacing, ImVec2(0.2F * em, 0.2F * em));
-    ImGui::PushStyleVar(ImGuiStyleVar_FramePadding, ImVec2(0.1F * em, 0.1F * em));
-    begin_window("buttons", {0.0F, height}, {0.0F, 1.0F}, kPlain);
-    std::vector<std::pair<std::string, WindowCommand>> buttons = {
-        {technique_text(state.nodes) + "###technique", WindowCommand::next_technique},
-        {fmt::format("{}###drag", name_of(state.drag)), next_drag(state.drag)},
-        {state.paused ? "go on###pause" : "pause###pause", WindowCommand::pause},
-        {"image", WindowCommand::screenshot}};
-    if (state.live) {
-      buttons.emplace_back(state.recording ? "stop rec###record" : "record###record",
-                           WindowCommand::record);
+    ImGui::PushStyleVar(ImGuiStyleVar_FramePadding,
+                        compact ? ImVec2(0.1F * em, 0.1F * em) : ImVec2(0.5F * em, 0.35F * em));
+    ImGui::SetNextWindowSize({width - 2.0F * gap, 0.0F});
+    begin_window("menu", {gap, height - gap}, {0.0F, 1.0F},
+                 kFocused & ~ImGuiWindowFlags_AlwaysAutoResize);
+    if (compact) {
+      button_grid(entries, actions);
     } else {
-      buttons.emplace_back("step", WindowCommand::step);
+      const float right = ImGui::GetCursorScreenPos().x + ImGui::GetContentRegionAvail().x;
+      for (std::size_t i = 0; i < entries.size(); ++i) {
+        const std::string label = fmt::format("{} ({})###{}", entries[i].label, entries[i].key,
+                                              static_cast<int>(entries[i].command));
+        const float wide = ImGui::CalcTextSize(label.c_str(), nullptr, true).x +
+                           2.0F * ImGui::GetStyle().FramePadding.x;
+        if (i > 0 && ImGui::GetItemRectMax().x + 0.2F * em + wide <= right) ImGui::SameLine();
+        button(label, entries[i].command, actions);
+      }
     }
-    buttons.emplace_back("panels", WindowCommand::panels);
-    buttons.emplace_back("help", WindowCommand::help);
-    buttons.emplace_back("hide", WindowCommand::hud);
-    // The longest text determines the number of rows: no button moves when its text changes.
+    buttons_height = ImGui::GetWindowSize().y;
+    end_window();
+    ImGui::PopStyleVar(3);
+  }
+
+  void button_grid(const std::vector<MenuEntry>& entries, HudActions& actions) {
+    // The longest label determines the number of rows: no button moves when its label changes.
     float widest = 0.0F;
-    for (const char* label : {"layered", "image", "go on", "stop rec", "panels"}) {
-      widest = std::max(widest, ImGui::CalcTextSize(label).x + 0.2F * em);
-    }
+    for (const MenuEntry& entry : entries)
+      widest = std::max(widest, ImGui::CalcTextSize(entry.longest).x + 0.4F * em);
     const auto width_of = [&](std::size_t in_row) {
       const auto count = static_cast<float>(in_row);
       return std::floor((ImGui::GetContentRegionAvail().x - (count - 1.0F) * 0.2F * em) / count);
     };
-    std::size_t in_row = buttons.size();
-    while (in_row > 2 && width_of(in_row) < widest) in_row = (in_row + 1) / 2;
-    const ImVec2 each(width_of(in_row), kTouchHeight * em / kFontSizes[0]);
-    for (std::size_t i = 0; i < buttons.size(); ++i) {
+    std::size_t in_row = entries.size();
+    while (in_row > 2 && width_of(in_row) < widest) --in_row;
+    const std::size_t rows = (entries.size() + in_row - 1) / in_row;
+    in_row = (entries.size() + rows - 1) / rows;
+    constexpr float kMaxMenuShare = 0.55F;  // of the window's height
+    const float high = std::min(kTouchHeight * em / kFontSizes[0],
+                                kMaxMenuShare * height / static_cast<float>(rows));
+    const ImVec2 each(width_of(in_row), std::max(std::floor(high), 1.5F * em));
+    for (std::size_t i = 0; i < entries.size(); ++i) {
       if (i % in_row > 0) ImGui::SameLine();
-      button(buttons[i].first, buttons[i].second, actions, each);
+      button(fmt::format("{}###{}", that_fits(entries[i].label, each.x - 0.2F * em),
+                         static_cast<int>(entries[i].command)),
+             entries[i].command, actions, each);
     }
-    end_buttons();
-    ImGui::PopStyleVar(3);
   }
 
-  void node_panel(const HudNode& node, bool walls, HudActions& actions) {
-    ImGui::PushID(node.name.c_str());
-    text(kWhite, node.name);
-    ShadowStyle style = node.style;
-    bool changed = choose("##technique", fmt::format("technique: {}", to_string(style.technique)),
-                          kShadowTechniqueNames, style.technique);
-    if (traits_of(style.technique).uses_kernels) {
-      changed |= choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
-                        kKernelSourceNames, style.kernels);
-    }
-    if (traits_of(style.technique).uses_lights) {
-      changed |= ImGui::Checkbox("light rays", &style.light_rays);
-    }
-    if (style.technique == ShadowTechnique::walls) {
-      bool shown = walls;
-      if (ImGui::Checkbox("walls shown (L)", &shown))
-        actions.commands.push_back(WindowCommand::walls);
-    }
-    changed |= workspace_panel(style);
-    changed |= strength_panel(node, style);
-    if (changed) actions.edits.emplace_back(ShadowStyled{node.name, style});
-    ImGui::Separator();
-    ImGui::PopID();
-  }
-
-  // Sets H and a from the height of the workspace and the middle layer's magnification there.
-  bool workspace_panel(ShadowStyle& style) {
-    if (!traits_of(style.technique).has_penumbra) return false;
-    const std::optional<Workspace> known = workspace_of(style.layered);
-    const Workspace workspace = known.value_or(Workspace());
-    auto height_cm = static_cast<float>(100.0 * workspace.height_m);
-    auto magnification = static_cast<float>(workspace.magnification);
-    bool changed =
-        ImGui::SliderFloat("##height", &height_cm, 5.0F, 100.0F, "workspace height %.0f cm",
-                           ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_Logarithmic);
-    changed |= ImGui::SliderFloat("##magnification", &magnification, 1.05F, 4.0F,
-                                  "magnified there x %.2f", ImGuiSliderFlags_AlwaysClamp);
-    if (changed) {
-      const auto constants = layered_constants_for_workspace(0.01 * static_cast<double>(height_cm),
-                                                             static_cast<double>(magnification));
-      if (constants) {
-        const double cap = style.layered.magnification_cap;
-        style.layered = *constants;
-        style.layered.magnification_cap = cap;
-      }
-    }
-    const LayeredConstants& c = style.layered;
-    text(kQuiet,
-         std::isinf(c.light_height)
-             ? fmt::format("light at the zenith, umbra to {:.2f} m", c.umbra_height)
-             : fmt::format("H {:.2f} m   a {:.2f}   umbra {}", c.light_height, c.light_ratio,
-                           known ? fmt::format("to {:.2f} m", c.umbra_height)
-                                 : std::string("never vanishes")));
-    return changed;
-  }
-
-  bool strength_panel(const HudNode& node, ShadowStyle& style) {
-    const TechniqueTraits traits = traits_of(style.technique);
-    if (style.technique == ShadowTechnique::none || traits.uses_lights) return false;
-    Strength& strength = strengths[node.name];
-    // If another source changed the fractions, the new fractions have full strength.
-    if (with_opacity(strength.full, strength.opacity) != style.fractions) {
-      strength = {style.fractions, 1.0};
-    }
-    const auto slider = [](const char* label, double& value) {
-      auto shown = static_cast<float>(value);
-      ImGui::PushID(label);
-      const bool moved =
-          ImGui::SliderFloat("##value", &shown, 0.0F, 1.0F, fmt::format("{} %.2f", label).c_str(),
-                             ImGuiSliderFlags_AlwaysClamp);
-      ImGui::PopID();
-      if (!moved) return false;
-      value = static_cast<double>(shown);
-      return true;
-    };
-    bool changed = slider("strength", strength.opacity);
-    if (traits.has_penumbra) {
-      changed |= slider("light in the umbra", strength.full.umbra);
-    }
-    changed |= slider("light in the middle layer", strength.full.middle);
-    if (traits.has_penumbra) {
-      changed |= slider("light in the penumbra", strength.full.penumbra);
-    }
-    if (changed) style.fractions = with_opacity(strength.full, strength.opacity);
-    return changed;
-  }
-
-  // This is the first panel, so that a small screen shows it without scrolling.
-  void smoothing_panel(const HudState& state, HudActions& actions) {
-    if (!state.smooth) return;
-    bool smooth = *state.smooth;
-    if (ImGui::Checkbox("smooth the drawn pose (J)", &smooth)) {
-      actions.commands.push_back(WindowCommand::smooth);
-    }
-    if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
-    ImGui::Separator();
+  // Draws the only button of a locked kiosk, which chooses what a finger's drag does.
+  void kiosk_button(const HudState& state, HudActions& actions) {
+    const bool slides = state.drag == DragMode::slide;
+    ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(0.2F * em, 0.2F * em));
+    begin_window("kiosk", {width, height}, {1.0F, 1.0F}, kFitted);
+    button(slides ? "Drag: along the table###drag" : "Drag: up and sideways###drag",
+           slides ? WindowCommand::lift : WindowCommand::slide, actions,
+           {14.0F * em, kTouchHeight * em / kFontSizes[0]});
+    end_window();
+    ImGui::PopStyleVar();
   }
 
   void panels(const HudState& state, const HudPanels& open, HudActions& actions) {
-    const float below = open.compact ? buttons_height + 0.3F * em : 0.5F * em;
-    float top = 0.5F * em;
-    if (open.compact) {
-      // On a handheld the panels cover the status, because the sliders need the height.
-      const bool handheld = height < static_cast<float>(kHandheldHeight);
-      top = handheld ? 0.0F : status_bottom + 0.3F * em;
-    }
+    const float below = open.menu ? buttons_height + 0.3F * em : 0.5F * em;
+    // On a handheld the panels cover the status, because the sliders need the height.
+    const bool handheld = open.compact && height < static_cast<float>(kHandheldHeight);
+    const float top = handheld ? 0.0F : line_bottom + 0.3F * em;
     // Uses half of the screen if that is wide enough for the texts.
     const bool narrow = 0.46F * width < kPanelWidth * em;
     const ImVec2 max_size(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
                           height - top - below);
     ImGui::SetNextWindowSizeConstraints({max_size.x, 0.0F}, max_size);
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
-                 kScrolled);
+                 kScrolledFocused);
     ImGui::PushItemWidth(-1.0F);
     ImGui::PushTextWrapPos(0.0F);  // wraps before the scroll bar
-    smoothing_panel(state, actions);
-    Translucency translucency = state.translucency;
-    if (choose("##translucency",
-               "translucency: " + translucency_text(state.translucency, state.translucency_drawn),
-               kTranslucencyNames, translucency)) {
-      actions.translucency = translucency;
-    }
-    for (const HudNode& node : state.nodes) node_panel(node, state.walls, actions);
-    if (state.nodes.empty()) text("the scene has no shadows");
+    settings.draw(state, actions);
     ImGui::PopTextWrapPos();
     ImGui::PopItemWidth();
     button("close", WindowCommand::panels, actions, {ImGui::GetContentRegionAvail().x, 0.0F});
+    panels_left = ImGui::GetWindowPos().x;
     end_window();
   }
 
@@ -520,7 +406,7 @@ struct Overlay::Impl {
     begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F}, kScrolled);
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(max_width - em);
-    text(
+    hud_text(
         fmt::format("this frame: {} passes ({} calls), {} skipped; shadows: {} computed, {} reused",
                     s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
                     s[Counter::triples_recomputed], s[Counter::reprojections]));
@@ -528,14 +414,14 @@ struct Overlay::Impl {
     for (const auto& [name, count] : state.work) {
       work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);
     }
-    text(kQuiet, work);
-    for (const std::string& line : reason_lines(state)) text(kQuiet, line);
+    hud_text(kHudQuiet, work);
+    for (const std::string& line : reason_lines(state)) hud_text(kHudQuiet, line);
     for (std::size_t i = 0; i < state.twists.size() && i < kMaxDebugLines; ++i) {
       const HudFoldOver& twist = state.twists[i];
-      text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
-           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; overshoot {:.1f} %",
-                       twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
-                       100.0 * twist.twist.area_share, 100.0 * twist.spill));
+      hud_text(twist.twist.faces_twisted > 0 ? kHudWarning : kHudQuiet,
+               fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; overshoot {:.1f} %",
+                           twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
+                           100.0 * twist.twist.area_share, 100.0 * twist.spill));
     }
     ImGui::PopTextWrapPos();
     end_window();
@@ -547,7 +433,7 @@ struct Overlay::Impl {
                                         {width - em, height - em});
     ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.94F));
     ImGui::SetNextWindowFocus();
-    begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F}, kScrolled);
+    begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F}, kScrolledFocused);
     float column = 0.0F;
     for (const KeyHelp& key : key_help()) {
       column = std::max(column,
@@ -567,13 +453,13 @@ struct Overlay::Impl {
     if (narrow) ImGui::PushTextWrapPos(0.0F);
     const bool columns = width >= kHelpColumns * em;
     for (const KeyHelp& key : key_help()) {
-      text(std::string(key.keys));
+      hud_text(std::string(key.keys));
       if (columns) {
         ImGui::SameLine(column + (narrow ? 1.5F : 2.0F) * em);
       } else {
         ImGui::Indent();
       }
-      text(kQuiet, std::string(key.what));
+      hud_text(kHudQuiet, std::string(key.what));
       if (!columns) ImGui::Unindent();
     }
     if (narrow) ImGui::PopTextWrapPos();
@@ -585,10 +471,12 @@ struct Overlay::Impl {
   void message(const HudState& state) {
     if (state.message.empty()) return;
     const float above = buttons_height + em;
-    begin_window("message", {0.5F * width, height - above}, {0.5F, 1.0F},
+    // Beside the panels if there is room.
+    const float room = panels_left > 12.0F * em ? panels_left : width;
+    begin_window("message", {0.5F * room, height - above}, {0.5F, 1.0F},
                  kFitted | ImGuiWindowFlags_NoInputs);
-    ImGui::PushTextWrapPos(width - 1.2F * em);
-    text(state.message);
+    ImGui::PushTextWrapPos(room - 1.2F * em);
+    hud_text(state.message);
     ImGui::PopTextWrapPos();
     ImGui::End();
   }
@@ -601,9 +489,9 @@ struct Overlay::Impl {
                  in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
                  kFitted | ImGuiWindowFlags_NoInputs);
     ImGui::PushTextWrapPos(0.8F * width);
-    for (const std::string& line : lines) text(color, line);
+    for (const std::string& line : lines) hud_text(color, line);
     ImGui::PopTextWrapPos();
-    end_window();
+    ImGui::End();
   }
 
   ImFontAtlas fonts;  // declared before the context that uses it
@@ -616,13 +504,11 @@ struct Overlay::Impl {
   // `pressed` keeps a press that was released before the next drawing.
   std::array<bool, 3> pressed{}, down{};
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
-  float status_bottom = 0.0F;                 // [px]
+  float line_bottom = 0.0F;                   // of the status line [px]
+  float status_bottom = 0.0F;                 // of the line or the details [px]
+  float panels_left = 0.0F;                   // [px]; the window's width if no panel is open
   float buttons_height = 0.0F;                // [px]
-  struct Strength {
-    LightFractions full;
-    double opacity = 1.0;
-  };
-  std::map<std::string, Strength> strengths;  // by node name
+  SettingsPanel settings;
   Stopwatch since_last;
 };
 
@@ -656,6 +542,9 @@ void Overlay::handle(const WindowEvent& event) {
       if (event.code >= 0 && event.code < IM_ARRAYSIZE(io.KeysDown)) {
         io.KeysDown[event.code] = event.kind == Kind::key_down;
       }
+      // Enter presses the button that has the keyboard focus, as the space bar does.
+      if (event.code == GLFW_KEY_ENTER && !io.WantTextInput)
+        io.KeysDown[GLFW_KEY_SPACE] = event.kind == Kind::key_down;
       io.KeyCtrl = event.control;
       io.KeyShift = event.shift;
       io.KeyAlt = event.alt;
@@ -682,9 +571,14 @@ bool Overlay::covers(double x, double y) const {
   });
 }
 
-bool Overlay::typing() const {
+bool Overlay::takes_key(int code) const {
   ImGui::SetCurrentContext(impl_->imgui);
-  return ImGui::GetIO().WantTextInput;
+  const ImGuiIO& io = ImGui::GetIO();
+  constexpr std::array kFocusKeys = {GLFW_KEY_UP,       GLFW_KEY_DOWN,  GLFW_KEY_LEFT,
+                                     GLFW_KEY_RIGHT,    GLFW_KEY_SPACE, GLFW_KEY_ENTER,
+                                     GLFW_KEY_KP_ENTER, GLFW_KEY_ESCAPE};
+  return io.WantTextInput ||
+         (io.NavVisible && std::ranges::find(kFocusKeys, code) != kFocusKeys.end());
 }
 
 void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
@@ -692,11 +586,10 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   if (size.width <= 0 || size.height <= 0) return;
   Impl& m = *impl_;
   m.begin_drawing(size, panels.compact);
-  if (panels.compact) {
-    m.compact_layout(state, actions);
-  } else {
-    m.full_layout(state, actions);
-  }
+  m.status_line(state, panels.compact, actions);
+  if (panels.details) m.details(state, panels.compact);
+  m.buttons_height = 0.0F;
+  if (panels.menu) m.menu(state, panels.compact, actions);
   // A small window shows only one of help, panels and debug view.
   const bool panels_fit = !panels.compact || !panels.help;
   const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
@@ -708,12 +601,23 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   m.end_drawing(size);
 }
 
+void Overlay::draw_kiosk(const HudState& state, GlContext::Size size, HudActions& actions) {
+  if (size.width <= 0 || size.height <= 0) return;
+  impl_->begin_drawing(size, true);
+  impl_->buttons_height = 0.0F;
+  const std::vector<std::string> warnings = warnings_of(state);
+  if (!warnings.empty()) impl_->text_window("warnings", false, warnings, kHudWarning);
+  if (state.has_image) impl_->kiosk_button(state, actions);
+  impl_->message(state);
+  impl_->end_drawing(size);
+}
+
 void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   const std::vector<std::string> warnings = warnings_of(state);
   if (warnings.empty() && state.message.empty()) return;
   impl_->begin_drawing(size, false);
-  if (!warnings.empty()) impl_->text_window("warnings", false, warnings, kWarning);
+  if (!warnings.empty()) impl_->text_window("warnings", false, warnings, kHudWarning);
   impl_->message(state);
   impl_->end_drawing(size);
 }
@@ -721,7 +625,7 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
 void Overlay::draw_text(const std::string& words, bool in_the_middle, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, false);
-  impl_->text_window("words", in_the_middle, {words}, kWhite);
+  impl_->text_window("words", in_the_middle, {words}, kHudWhite);
   impl_->end_drawing(size);
 }
 

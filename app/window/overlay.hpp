@@ -24,13 +24,16 @@ class Overlay {
   // Returns true if the HUD covers this pixel of the window, or if an open list receives all
   // clicks.
   [[nodiscard]] bool covers(double x, double y) const;
-  // Returns true while a text field receives the keys.
-  [[nodiscard]] bool typing() const;
+  // Returns true if a text field receives the keys, or the control that has the keyboard focus
+  // receives this one. `code`: GLFW's.
+  [[nodiscard]] bool takes_key(int code) const;
 
   // All draw functions draw over the bound framebuffer of `size` [px].
   // Adds the clicks since the previous drawing to `actions`.
   void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
             HudActions& actions);
+  // Draws warnings_of(), the message and the button of a locked kiosk.
+  void draw_kiosk(const HudState& state, GlContext::Size size, HudActions& actions);
   // Draws warnings_of() and the message while the HUD is hidden. Receives no clicks.
   void draw_hidden(const HudState& state, GlContext::Size size);
   // Draws `words` instead of the HUD, in the middle or in a corner. Receives no clicks.

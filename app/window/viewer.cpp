@@ -1,5 +1,7 @@
 #include "app/window/viewer.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <thread>
@@ -21,6 +23,10 @@ constexpr double kCorner_px = 48.0;  // a touch here shows a hidden HUD
 Viewer::Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
                const ViewerOptions& options)
     : context_(context), host_(host), overlay_(std::move(overlay)), hud_(options.hud) {
+  if (options.kiosk) {
+    kiosk_.emplace(options.reset_after_s);
+    hud_ = false;
+  }
   context_.on_event([this](const WindowEvent& event) { take(event); });
 }
 
@@ -38,6 +44,7 @@ bool Viewer::show(InterruptWatch& interrupt, ShownFrame which) {
     draw_hud();
     context_.swap();
     if (!context_.poll_events()) closed_ = true;
+    keep_kiosk();
     follow_pointer();
     if (paused_ && !closed_ && !step_) {
       if (std::exchange(edited_, false)) host_.redraw();
@@ -53,6 +60,28 @@ bool Viewer::show(InterruptWatch& interrupt, ShownFrame which) {
   return !closed_;
 }
 
+void Viewer::keep_kiosk() {
+  if (!kiosk_) return;
+  const double now_ms = clock_.elapsed().wall_ms;
+  if (closed_ && locked() && !context_.display_lost()) {
+    context_.keep_open();
+    closed_ = false;
+  }
+  context_.show_pointer(kiosk_->shows_pointer(now_ms));
+  if (kiosk_->take_reset(now_ms)) reset_view();
+}
+
+void Viewer::reset_view() {
+  manipulator_.release_object();
+  drag_button_ = -1;
+  drag_ = DragMode::slide;
+  panels_ = {};
+  paused_ = cursor_ = false;
+  node_.reset();
+  host_.start_again();
+  edited_ = true;
+}
+
 void Viewer::draw_hud() {
   if (!overlay_) return;
   HudState state;
@@ -60,19 +89,21 @@ void Viewer::draw_hud() {
   if (!message_.empty() && since_message_.elapsed().wall_ms < kMessage_ms) {
     state.message = message_;
   }
-  if (!hud_) {
-    overlay_->draw_hidden(state, context_.window_size());
-    return;
+  const GlContext::Size size = context_.window_size();
+  HudActions actions;
+  state.locked = locked();
+  state.drag = drag_;
+  if (state.locked) {
+    overlay_->draw_kiosk(state, size, actions);
+    return act_on_clicks(std::move(actions));
   }
+  if (!hud_) return overlay_->draw_hidden(state, size);
   state.nodes = host_.nodes();
   state.translucency = host_.translucency();
   state.frames_per_s = shown_.per_s(clock_.elapsed().wall_ms);
   state.paused = paused_;
   state.selected = manipulator_.selected();
-  state.drag = drag_;
-  const GlContext::Size size = context_.window_size();
   panels_.compact = compact_.value_or(is_small(size));
-  HudActions actions;
   overlay_->draw(state, panels_, size, actions);
   act_on_clicks(std::move(actions));
 }
@@ -84,7 +115,18 @@ void Viewer::act_on_clicks(HudActions actions) {
 }
 
 void Viewer::take(const WindowEvent& event) {
-  if (overlay_ && hud_) overlay_->handle(event);
+  if (kiosk_) {
+    const bool was_locked = locked();
+    const bool admitted = kiosk_->admits(event, clock_.elapsed().wall_ms);
+    if (locked() != was_locked) {
+      show_message(locked() ? "locked" : fmt::format("unlocked; {} locks again", kUnlockKeys));
+      panels_ = {};
+      hud_ = !locked();
+      paused_ = false;
+    }
+    if (!admitted) return;
+  }
+  if (overlay_ && takes_clicks()) overlay_->handle(event);
   using Kind = WindowEvent::Kind;
   switch (event.kind) {
     case Kind::key_down:
@@ -116,11 +158,15 @@ void Viewer::take(const WindowEvent& event) {
 }
 
 bool Viewer::pointer_is_over_hud() const {
-  return overlay_ && hud_ && overlay_->covers(pointer_.x(), pointer_.y());
+  return overlay_ && takes_clicks() && overlay_->covers(pointer_.x(), pointer_.y());
 }
 
 void Viewer::handle_key(const WindowEvent& event) {
-  if (overlay_ && hud_ && overlay_->typing()) return;
+  if (overlay_ && hud_ && overlay_->takes_key(event.code)) return;
+  if (hud_ && is_close_key(event) && (panels_.help || panels_.panels || panels_.menu)) {
+    panels_.help = panels_.panels = panels_.menu = false;
+    return;
+  }
   if (const auto technique = technique_of_key(event)) return set_technique(*technique);
   if (is_number_key(event)) show_message("no shadow technique has this key; F1 lists them");
   if (const auto command = command_of_key(event)) act(*command);
@@ -136,7 +182,8 @@ void Viewer::handle_button(const WindowEvent& event) {
     drag_button_ = -1;
     return;
   }
-  if (!hud_ && event.code == WindowEvent::kLeft && event.x < kCorner_px && event.y < kCorner_px) {
+  if (!hud_ && !locked() && event.code == WindowEvent::kLeft && event.x < kCorner_px &&
+      event.y < kCorner_px) {
     hud_ = true;
     return;
   }
@@ -237,6 +284,12 @@ void Viewer::act(WindowCommand command) {
       break;
     case WindowCommand::hud:
       hud_ = !hud_;
+      break;
+    case WindowCommand::menu:
+      toggle_panel(panels_.menu);
+      break;
+    case WindowCommand::details:
+      toggle_panel(panels_.details);
       break;
     case WindowCommand::help:
       toggle_panel(panels_.help);

@@ -11,6 +11,7 @@
 #include "app/report/rate_meter.hpp"
 #include "app/session/session.hpp"
 #include "app/window/hud.hpp"
+#include "app/window/kiosk_lock.hpp"
 #include "app/window/manipulation.hpp"
 #include "app/window/overlay.hpp"
 #include "core/stopwatch.hpp"
@@ -51,6 +52,8 @@ class ViewerHost {
   }
   [[nodiscard]] virtual std::string undo() { return {}; }
   [[nodiscard]] virtual std::string reset() { return {}; }
+  // Puts objects, styles and the view back to the start of the run, without undo.
+  virtual void start_again() {}
   [[nodiscard]] virtual std::string save_scene() { return {}; }
   // Sets the measurements in the HUD state; with `debug`, also those of the debug view.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
@@ -58,6 +61,9 @@ class ViewerHost {
 
 struct ViewerOptions {
   bool hud = true;  // initially visible
+  bool full_screen = false;
+  bool kiosk = false;           // keys and panels are locked, and the window stays (KioskLock)
+  double reset_after_s = 60.0;  // of a kiosk
 };
 
 class Viewer {
@@ -80,6 +86,10 @@ class Viewer {
 
  private:
   void draw_hud();
+  [[nodiscard]] bool takes_clicks() const { return hud_ || locked(); }
+  [[nodiscard]] bool locked() const { return kiosk_ && kiosk_->locked(); }
+  void keep_kiosk();  // resets a kiosk that is left alone, and keeps its window open
+  void reset_view();  // back to the start of the session, panels closed
   void take(const WindowEvent& event);
   void handle_key(const WindowEvent& event);
   void handle_button(const WindowEvent& event);
@@ -99,6 +109,7 @@ class Viewer {
   ViewerHost& host_;
   std::unique_ptr<Overlay> overlay_;
   HudPanels panels_;
+  std::optional<KioskLock> kiosk_;
   std::optional<bool> compact_;  // the user's choice; nullopt: depends on the window's size
   bool hud_ = true;
   bool paused_ = false, step_ = false, closed_ = false, edited_ = false;

@@ -79,6 +79,9 @@ class GlContext {
   // poll_events() calls the handler.
   virtual void on_event(std::function<void(const WindowEvent&)> /*handler*/) {}
   virtual void toggle_full_screen() {}
+  // Ignores that the user closed the window: poll_events() returns true again.
+  virtual void keep_open() {}
+  virtual void show_pointer(bool /*shown*/) {}
 
  protected:
   GlInfo info_;
@@ -91,6 +94,7 @@ struct WindowOptions {
   std::string title = "penumbra";
   GlApi api = GlApi::gl33;
   bool vsync = true;
+  bool full_screen = false;
 };
 // Fails if there is no display.
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_window_context(

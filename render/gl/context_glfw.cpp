@@ -81,6 +81,13 @@ class GlfwContext final : public GlContext {
   void on_event(std::function<void(const WindowEvent&)> handler) override {
     on_event_ = std::move(handler);
   }
+  void keep_open() override {
+    if (!x11_connection_lost()) glfwSetWindowShouldClose(window_, GLFW_FALSE);
+  }
+  void show_pointer(bool shown) override {
+    if (x11_connection_lost()) return;
+    glfwSetInputMode(window_, GLFW_CURSOR, shown ? GLFW_CURSOR_NORMAL : GLFW_CURSOR_HIDDEN);
+  }
   void toggle_full_screen() override {
     if (x11_connection_lost()) return;
     if (glfwGetWindowMonitor(window_) != nullptr) {
@@ -172,6 +179,8 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   // Images are copied from framebuffer objects, so the window needs no depth and stencil.
   glfwWindowHint(GLFW_DEPTH_BITS, 0);
   glfwWindowHint(GLFW_STENCIL_BITS, 0);
+  // A full-screen window stays when another window takes the focus.
+  glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);
   const auto create = [&](int robustness) {
     glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
     return glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
@@ -189,6 +198,7 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   context->make_current();
   glfwSwapInterval(options.vsync ? 1 : 0);
   context->read_info(options.api);
+  if (options.full_screen) context->toggle_full_screen();
   return context;
 }
 

@@ -146,6 +146,7 @@ struct ShadowStyle {
   LayeredConstants layered;
   LightFractions fractions;
   bool light_rays = false;  // hard and volume: also draws rays from the lights
+  friend bool operator==(const ShadowStyle&, const ShadowStyle&) = default;
 };
 
 // Casters x planes x lights with one technique.

@@ -97,6 +97,57 @@ TEST(Hud, InterpolatesOpacityFromNoneToFull) {
   EXPECT_DOUBLE_EQ(with_opacity(full, 0.5).penumbra, 0.5 * (1.0 + full.penumbra));
 }
 
+TEST(Hud, SaysStateRateAndNextStepInOneLine) {
+  HudState state;
+  state.live = true;
+  EXPECT_EQ(status_line_of(state).state.text, "no image yet");
+  EXPECT_EQ(status_line_of(state).rate, "");
+  state.has_image = true;
+  state.frames_per_s = 29.8;
+  const auto next = [&](TrackStatus status) {
+    state.pose.status = status;
+    return status_line_of(state).next;
+  };
+  EXPECT_EQ(next(TrackStatus::lost), "show the tags to the camera");
+  EXPECT_EQ(next(TrackStatus::held), "keep the tags in view");
+  EXPECT_EQ(next(TrackStatus::uncertain), "show more tags, or come closer");
+  EXPECT_EQ(next(TrackStatus::tracked), "drag an object to move it");
+  EXPECT_EQ(status_line_of(state).state.text, "tracked");
+  EXPECT_EQ(status_line_of(state).rate, "30 frames/s");
+  state.selected = "cube";
+  state.drag = DragMode::lift;
+  EXPECT_EQ(status_line_of(state).next, "dragging cube up and sideways: U undoes");
+  state.recording = HudRecording{"session", 512, 0, std::nullopt};
+  EXPECT_EQ(status_line_of(state).recording, "REC 512");
+  EXPECT_FALSE(status_line_of(state).warns);
+  state.calibrated = false;
+  EXPECT_EQ(status_line_of(state).next, "V: calibrate the camera");
+  state.paused = true;
+  EXPECT_EQ(status_line_of(state).next, "space: go on");
+  state.trouble = "unplugged";
+  EXPECT_EQ(status_line_of(state).next, "camera: unplugged");
+  state.recording->error = "no space left";
+  EXPECT_EQ(status_line_of(state).next, "recording FAILED: no space left");
+  EXPECT_TRUE(status_line_of(state).warns);
+}
+
+TEST(Hud, NamesEachMenuEntryByWhatItDoes) {
+  HudState state;
+  state.live = true;
+  std::set<WindowCommand> commands;
+  for (const MenuEntry& entry : menu_of(state)) {
+    EXPECT_FALSE(entry.label.empty());
+    EXPECT_GE(std::string(entry.longest).size(), std::min<std::size_t>(entry.label.size(), 15));
+    EXPECT_TRUE(commands.insert(entry.command).second) << entry.label;
+  }
+  for (const WindowCommand command :
+       {WindowCommand::help, WindowCommand::panels, WindowCommand::quit, WindowCommand::record}) {
+    EXPECT_TRUE(commands.contains(command));
+  }
+  state.live = false;
+  EXPECT_EQ(menu_of(state).size(), commands.size() - 1);
+}
+
 TEST(Hud, MapsKeysToCommandsAndHelp) {
   std::string help;
   for (const KeyHelp& key : key_help()) help += std::string(key.keys) + " ";

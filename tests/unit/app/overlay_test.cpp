@@ -135,32 +135,47 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
     double max_fraction;  // maximum fraction of the window that the HUD covers
   };
   const std::vector<Case> cases = {
-      {"full-1280x720", 1280, 720, {}, 0.35},
-      {"full-panels-debug-1280x720", 1280, 720, {false, true, true, false}, 0.75},
-      {"full-help-1280x720", 1280, 720, {true, false, false, false}, 0.8},
-      {"compact-640x480", 640, 480, {false, false, false, true}, 0.45},
-      {"compact-panels-640x480", 640, 480, {false, false, true, true}, 0.95},
-      {"compact-debug-640x480", 640, 480, {false, true, false, true}, 0.95},
-      {"compact-help-640x480", 640, 480, {true, false, false, true}, 1.0},
-      {"compact-480x320", 480, 320, {false, false, false, true}, 0.6},
-      {"compact-panels-480x320", 480, 320, {false, false, true, true}, 0.95},
-      {"compact-help-480x320", 480, 320, {true, false, false, true}, 1.0},
-      {"compact-320x480", 320, 480, {false, false, false, true}, 0.65},
-      {"compact-panels-320x480", 320, 480, {false, false, true, true}, 1.0},
-      {"compact-help-320x480", 320, 480, {true, false, false, true}, 1.0},
-      {"full-640x480", 640, 480, {}, 0.6},
-      {"full-1920x1080", 1920, 1080, {}, 0.3},
+      {"line-320x240", 320, 240, {.compact = true}, 0.1},
+      {"line-320x480", 320, 480, {.compact = true}, 0.1},
+      {"line-480x320", 480, 320, {.compact = true}, 0.1},
+      {"line-640x480", 640, 480, {.compact = true}, 0.1},
+      {"line-800x480", 800, 480, {.compact = true}, 0.1},
+      {"line-1280x800", 1280, 800, {}, 0.1},
+      {"line-1920x1080", 1920, 1080, {}, 0.1},
+      {"line-3840x2160", 3840, 2160, {}, 0.1},
+      {"menu-1280x800", 1280, 800, {.menu = true}, 0.15},
+      {"menu-3840x2160", 3840, 2160, {.menu = true}, 0.15},
+      {"details-1280x800", 1280, 800, {.details = true}, 0.3},
+      {"panels-debug-1280x800", 1280, 800, {.debug = true, .panels = true}, 0.75},
+      {"help-1280x800", 1280, 800, {.help = true}, 0.8},
+      {"all-1280x800",
+       1280,
+       800,
+       {.debug = true, .panels = true, .details = true, .menu = true},
+       0.85},
+      {"menu-800x480", 800, 480, {.menu = true, .compact = true}, 0.45},
+      {"panels-800x480", 800, 480, {.panels = true, .compact = true}, 0.65},
+      {"details-800x480", 800, 480, {.details = true, .compact = true}, 0.65},
+      {"help-800x480", 800, 480, {.help = true, .compact = true}, 1.0},
+      {"menu-640x480", 640, 480, {.menu = true, .compact = true}, 0.55},
+      {"panels-640x480", 640, 480, {.panels = true, .compact = true}, 0.95},
+      {"debug-640x480", 640, 480, {.debug = true, .compact = true}, 0.95},
+      {"help-640x480", 640, 480, {.help = true, .compact = true}, 1.0},
+      {"menu-480x320", 480, 320, {.menu = true, .compact = true}, 0.72},
+      {"panels-480x320", 480, 320, {.panels = true, .compact = true}, 0.95},
+      {"help-320x480", 320, 480, {.help = true, .compact = true}, 1.0},
   };
   for (const Case& layout : cases) {
     HudActions actions;
+    HudState state = busy_state();
+    state.message.clear();  // disappears after some seconds
     // The layout sizes are final in the second drawing.
-    shoot(*overlay, busy_state(), layout.panels, layout.width, layout.height, actions);
-    const Shot shot =
-        shoot(*overlay, busy_state(), layout.panels, layout.width, layout.height, actions);
+    shoot(*overlay, state, layout.panels, layout.width, layout.height, actions);
+    const Shot shot = shoot(*overlay, state, layout.panels, layout.width, layout.height, actions);
     const double fraction =
         static_cast<double>(changed_pixels(shot)) / (layout.width * layout.height);
-    EXPECT_GT(fraction, 0.02) << layout.name;
-    EXPECT_LT(fraction, layout.max_fraction) << layout.name;
+    EXPECT_GT(fraction, 0.004) << layout.name;
+    EXPECT_LE(fraction, layout.max_fraction) << layout.name;
     EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << layout.name;
     save_for_inspection(shot, prefix() + layout.name);
   }
@@ -235,10 +250,10 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   panels.compact = true;
   shoot(*overlay, busy_state(), panels, 640, 480, actions);
   shoot(*overlay, busy_state(), panels, 640, 480, actions);
-  // The buttons fill the lowest row over its whole width; the first one changes the technique.
+  // The button of the menu is in the top left corner.
   WindowEvent event;
   event.x = 30.0;
-  event.y = 460.0;
+  event.y = 20.0;
   EXPECT_TRUE(overlay->covers(event.x, event.y));
   EXPECT_FALSE(overlay->covers(320.0, 300.0)) << "the HUD must not cover the image's centre";
   event.kind = WindowEvent::Kind::button_down;
@@ -247,42 +262,130 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   overlay->handle(event);
   for (int i = 0; i < 3; ++i) shoot(*overlay, busy_state(), panels, 640, 480, actions);
   ASSERT_EQ(actions.commands.size(), 1U);
-  EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
+  EXPECT_EQ(actions.commands[0], WindowCommand::menu);
 }
 
-// For touch screens, the help of the compact layout has buttons to leave full screen and to quit.
-TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
-  constexpr int kWidth = 480;
-  constexpr int kHeight = 320;
-  constexpr int kStep_px = 24;
-  HudPanels panels;
-  panels.compact = panels.help = true;
-  std::set<WindowCommand> found;
-  for (int i = 0; i < 2; ++i) {
-    HudActions actions;
-    act(*overlay, busy_state(), panels, kWidth, kHeight, actions);
-  }
-  for (int y = kStep_px / 2; y < kHeight; y += kStep_px) {
-    for (int x = kStep_px / 2; x < kWidth; x += kStep_px) {
-      if (!overlay->covers(x, y)) continue;
-      WindowEvent event;
-      event.x = x;
-      event.y = y;
-      event.kind = WindowEvent::Kind::button_down;
-      overlay->handle(event);
-      event.kind = WindowEvent::Kind::button_up;
-      overlay->handle(event);
+// Each button of the menu can be hit, on small and large screens.
+TEST_P(HudOverlay, ReachesEveryCommandOfMenuByClicks) {
+  constexpr int kStep_px = 12;
+  for (const auto& [width, height] : {std::pair(480, 320), std::pair(1280, 800)}) {
+    HudPanels panels;
+    panels.compact = width < 800;
+    panels.menu = true;
+    for (int i = 0; i < 2; ++i) {
       HudActions actions;
-      for (int i = 0; i < 3; ++i) {
-        HudPanels shown = panels;  // the panels that are open in this case
-        act(*overlay, busy_state(), shown, kWidth, kHeight, actions);
-      }
-      found.insert(actions.commands.begin(), actions.commands.end());
+      act(*overlay, busy_state(), panels, width, height, actions);
     }
+    std::set<WindowCommand> found;
+    for (int y = 50; y < height; y += kStep_px) {
+      for (int x = kStep_px / 2; x < width; x += 3 * kStep_px) {
+        if (!overlay->covers(x, y)) continue;
+        HudActions actions;
+        WindowEvent event;
+        event.x = x;
+        event.y = y;
+        for (const auto kind : {WindowEvent::Kind::button_down, WindowEvent::Kind::button_up}) {
+          event.kind = kind;
+          overlay->handle(event);
+          act(*overlay, busy_state(), panels, width, height, actions);
+        }
+        found.insert(actions.commands.begin(), actions.commands.end());
+      }
+    }
+    for (const MenuEntry& entry : menu_of(busy_state()))
+      EXPECT_TRUE(found.contains(entry.command)) << entry.label << " at " << width;
   }
-  EXPECT_TRUE(found.contains(WindowCommand::full_screen));
-  EXPECT_TRUE(found.contains(WindowCommand::quit));
-  EXPECT_TRUE(found.contains(WindowCommand::help)) << "a touch must also close the help";
+}
+
+// Arrow keys move the keyboard focus through the menu, and Enter presses.
+TEST_P(HudOverlay, PressesMenuButtonsByKeyboard) {
+  constexpr int kRight = 262;  // GLFW's key codes
+  constexpr int kEnter = 257;
+  constexpr int kSpace = 32;
+  HudPanels panels;
+  HudActions actions;
+  const auto draw = [&] { act(*overlay, busy_state(), panels, 1280, 800, actions); };
+  const auto press = [&](int code) {
+    WindowEvent event;
+    event.code = code;
+    event.kind = WindowEvent::Kind::key_down;
+    overlay->handle(event);
+    draw();
+    event.kind = WindowEvent::Kind::key_up;
+    overlay->handle(event);
+    draw();
+  };
+  draw();
+  EXPECT_FALSE(overlay->takes_key(kSpace)) << "without focus the space bar pauses";
+  panels.menu = true;
+  draw();
+  draw();
+  for (int i = 0; i < 3; ++i) press(kRight);
+  EXPECT_TRUE(overlay->takes_key(kSpace));
+  EXPECT_TRUE(overlay->takes_key(kEnter));
+  EXPECT_FALSE(overlay->takes_key('N')) << "letters are commands even then";
+  ASSERT_TRUE(actions.commands.empty());
+  press(kEnter);
+  ASSERT_EQ(actions.commands.size(), 1U);
+  const auto entries = menu_of(busy_state());
+  const auto is_pressed = [&](const MenuEntry& entry) {
+    return entry.command == actions.commands.front();
+  };
+  const auto first = std::ranges::find_if(entries, is_pressed);
+  ASSERT_NE(first, entries.end());
+  press(kRight);
+  press(kEnter);
+  ASSERT_EQ(actions.commands.size(), 2U);
+  EXPECT_EQ(actions.commands.back(), (first + 1)->command);
+}
+
+// A visitor of a kiosk sees the image, warnings, and one button for fingers.
+TEST_P(HudOverlay, DrawsOnlyDragButtonInKiosk) {
+  HudState state = busy_state();
+  state.trouble.reset();
+  state.recording.reset();
+  state.message.clear();
+  state.locked = true;
+  const auto drawn = [&] {
+    const auto framebuffer = Framebuffer::create(800, 480).value();
+    Shot shot{800, 480, std::vector<std::uint8_t>(std::size_t{800} * 480 * 4)};
+    HudActions actions;
+    for (int drawing = 0; drawing < 2; ++drawing) {
+      framebuffer.bind();
+      glClearColor(0.6F, 0.6F, 0.6F, 1.0F);
+      glClear(GL_COLOR_BUFFER_BIT);
+      overlay->draw_kiosk(state, {800, 480}, actions);
+    }
+    framebuffer.read_rgba(shot.rgba);
+    return changed_pixels(shot);
+  };
+  const std::size_t quiet = drawn();
+  EXPECT_GT(quiet, 500U);
+  EXPECT_LE(quiet, 800U * 480U / 20U);
+  state.trouble = "unplugged";
+  EXPECT_GT(drawn(), quiet + 200U);
+  state.trouble.reset();
+  HudActions actions;
+  const auto press = [&](double x, double y) {
+    WindowEvent event;
+    event.x = x;
+    event.y = y;
+    actions = {};
+    for (const auto kind : {WindowEvent::Kind::button_down, WindowEvent::Kind::button_up}) {
+      event.kind = kind;
+      overlay->handle(event);
+      overlay->draw_kiosk(state, {800, 480}, actions);
+    }
+  };
+  press(780.0, 460.0);
+  ASSERT_EQ(actions.commands.size(), 1U);
+  EXPECT_EQ(actions.commands[0], WindowCommand::lift);
+  state.drag = DragMode::lift;
+  press(780.0, 460.0);
+  ASSERT_EQ(actions.commands.size(), 1U);
+  EXPECT_EQ(actions.commands[0], WindowCommand::slide);
+  press(20.0, 20.0);
+  EXPECT_TRUE(actions.commands.empty());
 }
 
 // A study's participant sees the instructions and no controls.
@@ -416,8 +519,8 @@ TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
       draw();
     };
     draw();
-    click(30);
-    click(50 + 12 * row);
+    click(72);
+    click(92 + 12 * row);
     if (actions.translucency) {
       state.translucency = *actions.translucency;
       chosen.insert(*actions.translucency);

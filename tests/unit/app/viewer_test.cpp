@@ -55,9 +55,12 @@ class ScriptedWindow final : public GlContext {
     handler_ = std::move(handler);
   }
   void toggle_full_screen() override { full_screen = !full_screen; }
+  void keep_open() override { open = true; }
+  void show_pointer(bool shown) override { pointer_shown = shown; }
 
   bool open = true;
   bool full_screen = false;
+  bool pointer_shown = true;
   int swaps = 0;
   Size size{64, 48};
 
@@ -109,6 +112,7 @@ class Host : public ViewerHost {
     calls.emplace_back("reset");
     return "reset";
   }
+  void start_again() override { calls.emplace_back("start again"); }
   [[nodiscard]] std::string save_scene() override {
     calls.emplace_back("save");
     return "saved";
@@ -493,17 +497,74 @@ TEST_F(ViewerWithHud, DoesNotPickObjectsUnderHudButtons) {
   using Kind = WindowEvent::Kind;
   const WindowEvent nothing = key(0);
   ScriptedWindow window(std::deque<WindowEvent>{
-      nothing, nothing, pointer(Kind::button_down, 30.0, 460.0),
-      pointer(Kind::button_up, 30.0, 460.0), nothing, nothing,
-      pointer(Kind::button_down, 320.0, 300.0), pointer(Kind::button_up, 320.0, 300.0)});
+      nothing, nothing, pointer(Kind::button_down, 30.0, 20.0),
+      pointer(Kind::button_up, 30.0, 20.0), nothing, nothing,
+      pointer(Kind::button_down, 320.0, 150.0), pointer(Kind::button_up, 320.0, 150.0)});
   window.size = {640, 480};
   Viewer viewer(window, host, Overlay::create(*gl).value());
   for (int i = 0; i < 6; ++i) EXPECT_TRUE(viewer.show(interrupt));
-  ASSERT_EQ(host.edits.size(), 2U) << "the technique of both nodes";
-  EXPECT_TRUE(std::holds_alternative<ShadowStyled>(host.edits.back()));
+  EXPECT_TRUE(host.edits.empty()) << "the click was on the menu's button";
   EXPECT_TRUE(viewer.show(interrupt));
-  ASSERT_GT(host.edits.size(), 2U);
+  ASSERT_FALSE(host.edits.empty());
   EXPECT_TRUE(std::holds_alternative<ObjectPlaced>(host.edits.back()));
+}
+
+WindowEvent unlocking_keys() {
+  WindowEvent event = key('K');
+  event.control = event.shift = true;
+  return event;
+}
+
+ViewerOptions kiosk_options(double reset_after_s = 0.0) {
+  ViewerOptions options;
+  options.kiosk = true;
+  options.reset_after_s = reset_after_s;
+  return options;
+}
+
+TEST_F(ViewerWithHud, IgnoresKeysFilesAndClosingInLockedKiosk) {
+  WindowEvent dropped;
+  dropped.kind = WindowEvent::Kind::file_dropped;
+  dropped.file = "toy.glb";
+  ScriptedWindow window(std::deque<WindowEvent>{key(kEscape), key(kQ), key(kSpace), key('S'),
+                                                key('R'), key('H'), key('P'), dropped});
+  window.size = {640, 480};
+  Viewer viewer(window, host, Overlay::create(*gl).value(), kiosk_options());
+  for (int i = 0; i < 8; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  window.open = false;
+  EXPECT_TRUE(viewer.show(interrupt)) << "the window stays";
+  EXPECT_TRUE(window.open);
+  EXPECT_EQ(host.screenshots, 0);
+  EXPECT_EQ(host.recordings, 0);
+  EXPECT_EQ(host.hud_drawings, 0);
+  EXPECT_TRUE(host.calls.empty());
+  EXPECT_FALSE(window.pointer_shown);
+}
+
+TEST_F(ViewerWithHud, OpensKioskByItsKeys) {
+  ScriptedWindow window(std::deque<WindowEvent>{unlocking_keys(), key('S'), unlocking_keys(),
+                                                key('S'), key(kQ), unlocking_keys(), key(kQ)});
+  window.size = {640, 480};
+  Viewer viewer(window, host, Overlay::create(*gl).value(), kiosk_options());
+  for (int i = 0; i < 6; ++i) EXPECT_TRUE(viewer.show(interrupt)) << i;
+  EXPECT_EQ(host.screenshots, 1);
+  EXPECT_GT(host.hud_drawings, 0);
+  EXPECT_FALSE(viewer.show(interrupt)) << "unlocked, Q quits";
+}
+
+TEST_F(ViewerWithHud, PutsEverythingBackWhenKioskIsLeftAlone) {
+  ScriptedWindow window(std::deque<WindowEvent>{
+      key(0), pointer(WindowEvent::Kind::button_down, 10.0, 10.0), unlocking_keys(), key('P')});
+  window.size = {640, 480};
+  Viewer viewer(window, host, Overlay::create(*gl).value(), kiosk_options(1e-9));
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_TRUE(host.calls.empty());
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.calls, std::vector<std::string>{"start again"});
+  EXPECT_TRUE(viewer.show(interrupt));  // unlocks, and locks again at once
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.calls.size(), 2U);
+  EXPECT_EQ(host.hud_drawings, 0);
 }
 
 }  // namespace
