@@ -6,6 +6,7 @@
 #include <exception>
 #include <sstream>
 
+#include "app/commands/configuration.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
@@ -95,6 +96,12 @@ ExitCode run(int argc, char** argv) {
   CLI::App& program = *owned;
   std::vector<std::string> words(argv + 1, argv + argc);
   rewrite_help_command(words);
+  const auto configuration = load_configuration(program, words);
+  if (!configuration) {
+    print_error(configuration.error().message);
+    return ExitCode::failure;
+  }
+  if (*configuration) insert_options(program, **configuration, words);
   std::ranges::reverse(words);  // CLI11 expects the last word first
 
   try {
@@ -111,9 +118,17 @@ ExitCode run(int argc, char** argv) {
     const bool may_be_misspelt = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr ||
                                  dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
     if (!wrong && may_be_misspelt) wrong = unknown_option(program);
+    const ConfiguredOption* configured =
+        *configuration ? blamed_option(**configuration, error.what()) : nullptr;
+    if (configured != nullptr) {
+      print_error(fmt::format("{}: line {}: {}", (*configuration)->file.string(), configured->line,
+                              error.what()));
+      return ExitCode::failure;
+    }
     return wrong_usage(program, wrong ? *wrong : error.what());
   }
   if (const auto wrong = empty_option(program)) return wrong_usage(program, *wrong);
+  if (*configuration) fmt::print("{}\n", configuration_line(**configuration));
   const auto result = chosen();
   if (result) return *result;
   print_error(result.error().message);

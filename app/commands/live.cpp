@@ -10,6 +10,7 @@
 #include "app/live/live_run.hpp"
 #include "app/logging.hpp"
 #include "app/run/session_host.hpp"
+#include "app/window/kiosk_lock.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
@@ -166,6 +167,26 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
                "Always copy images to the GPU; the results are the same");
 }
 
+void add_kiosk_options(CLI::App& command, ViewerOptions& viewer) {
+  start_group(command, "Kiosk and configuration");
+  CLI::Option* kiosk =
+      command
+          .add_flag("--kiosk", viewer.kiosk,
+                    fmt::format("Full screen, keys and panels locked ({} unlocks); waits for the "
+                                "camera",
+                                kUnlockKeys))
+          ->excludes(command.get_option("--no-window"));
+  add_option(command, "--reset-after", "SECONDS", viewer.reset_after_s,
+             "With --kiosk: put everything back after this time without a touch; 0: never")
+      ->check(in_range(0.0, 1e6))
+      ->needs(kiosk)
+      ->capture_default_str();
+  // load_configuration() has read the file before the command line is parsed.
+  add_text_option(
+      command, "--config", "FILE.yaml", [](const std::string&) {},
+      "Further options by their names (default: penumbra/config.yaml in ~/.config)");
+}
+
 }  // namespace
 
 void add_live_command(CLI::App& program, ChosenCommand& chosen) {
@@ -197,6 +218,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_off_flag(
       command, "--no-vsync", request.vsync,
       "Show frames without waiting for the display's refresh: less latency, possible tearing");
+  add_kiosk_options(command, request.viewer);
   put_first(command, {"--record", "--scene", "--tags", "--shadow", "--tracking", "--output",
                       "--poses", "--report"});
   command.callback([&command, options, &chosen] {

@@ -379,6 +379,7 @@ void add_window_options(CLI::App& command, RunRequest& request) {
   add_off_flag(command, "--no-window", request.window, "Offscreen, even if there is a display");
   add_off_flag(command, "--no-hud", request.viewer.hud,
                "The window's HUD is hidden at first (H shows it)");
+  command.add_flag("--fullscreen", request.viewer.full_screen, "The window fills the screen");
 }
 
 void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {

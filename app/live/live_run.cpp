@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "app/interrupt.hpp"
+#include "app/live/camera_wait.hpp"
 #include "app/live/live_host.hpp"
 #include "app/live/live_pipeline.hpp"
 #include "app/live/live_recorder.hpp"
@@ -103,6 +104,7 @@ struct LiveSetup {
   std::unique_ptr<ResidualWatch> residual_watch;
   std::optional<CalibrationRecord> camera_record;  // loaded with --refine-camera
   std::unique_ptr<GlContext> context;
+  std::unique_ptr<Overlay> overlay;  // only with a window
   std::unique_ptr<Session> session;
   std::unique_ptr<LiveSource> source;
   RunOutputs outputs;
@@ -153,10 +155,41 @@ Result<CameraInUse> find_camera(const LiveRequest& request, const CameraAddress&
   return CameraInUse{std::move(camera), std::move(record)};
 }
 
+struct LiveWindow {
+  std::unique_ptr<GlContext> context;
+  std::unique_ptr<Overlay> overlay;  // nullptr if the context is offscreen
+};
+
+// `size`: of the window, unless it is full-screen [px].
+Result<LiveWindow> open_live_window(const LiveRequest& request, GlContext::Size size) {
+  const ViewerOptions& viewer = request.viewer;
+  LiveWindow window;
+  PENUMBRA_TRY(window.context, open_run_context({.window = request.window,
+                                                 .vsync = request.vsync,
+                                                 .full_screen = viewer.full_screen || viewer.kiosk,
+                                                 .required = viewer.kiosk},
+                                                size));
+  if (window.context->window_size().width > 0) {
+    PENUMBRA_TRY(window.overlay, Overlay::create(*window.context));
+  }
+  return window;
+}
+
 // Opens the inputs, the session and the outputs. The quickest checks come first.
 Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interrupt) {
   PENUMBRA_TRY(const auto address, parse_camera(request.camera.source));
-  PENUMBRA_TRY(auto in_use, find_camera(request, address));
+  LiveWindow window;
+  std::optional<CameraWait> wait;
+  if (request.viewer.kiosk) {
+    PENUMBRA_TRY(window, open_live_window(request, {640, 480}));
+    wait.emplace(*window.context, *window.overlay);
+  }
+  const auto when_there = [&wait](const auto& open) {
+    return wait ? wait->until_open(open) : open();
+  };
+  const auto find = [&] { return find_camera(request, address); };
+  // A calibration is found without the camera.
+  PENUMBRA_TRY(auto in_use, request.camera.fov_deg ? when_there(find) : find());
   CameraModel& camera = in_use.model;
   PENUMBRA_TRY(auto tags, load_tag_map(request.tags));
   PENUMBRA_TRY(const auto loaded, load_run_scene(request, &tags));
@@ -165,18 +198,25 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   log_scene_warnings(*scene, request.plan);
   PENUMBRA_TRY(auto residual_watch, ResidualWatch::create(camera, tags));
 
-  PENUMBRA_TRY_VOID(check_camera(address));
-  PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
-                                              {camera.width(), camera.height()}));
+  PENUMBRA_TRY_VOID(when_there([&] { return check_camera(address); }));
+  if (!window.context) {
+    PENUMBRA_TRY(window, open_live_window(request, {camera.width(), camera.height()}));
+  }
   TagsInUse used_tags = tags_in_use(request.tags, tags);
   print_tags(used_tags);
-  PENUMBRA_TRY(auto session, Session::create(*context, scene, camera, std::move(tracker), request));
+  PENUMBRA_TRY(auto session,
+               Session::create(*window.context, scene, camera, std::move(tracker), request));
   for (const ObjectAdded& added : loaded.added) session.record_added(added);
   // Compiles the shaders before the camera starts, to draw its first images without delay.
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
-  PENUMBRA_TRY(auto source, open_camera(address, request.camera, &camera));
-  PENUMBRA_TRY_VOID(check_size_or_offer_scaling(request.camera, address, source->format(), camera));
+  const auto open = [&]() -> Result<std::unique_ptr<LiveSource>> {
+    PENUMBRA_TRY(auto opened, open_camera(address, request.camera, &camera));
+    PENUMBRA_TRY_VOID(
+        check_size_or_offer_scaling(request.camera, address, opened->format(), camera));
+    return opened;
+  };
+  PENUMBRA_TRY(auto source, when_there(open));
   log_info("{}", source->description());
   PENUMBRA_TRY_VOID(check_outputs(request, address, *scene));
   interrupt.hold();
@@ -186,32 +226,26 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto head, recording_head(request, *source, camera, *scene));
   auto recorder = std::make_unique<LiveRecorder>(std::move(head));
   if (request.record) PENUMBRA_TRY_VOID(recorder->start(*request.record));
-  return LiveSetup{std::move(camera),
-                   std::move(tags),
-                   std::move(used_tags),
-                   std::move(residual_watch),
-                   std::move(in_use.record),
-                   std::move(context),
-                   std::make_unique<Session>(std::move(session)),
-                   std::move(source),
-                   std::move(outputs),
+  return LiveSetup{std::move(camera),         std::move(tags),
+                   std::move(used_tags),      std::move(residual_watch),
+                   std::move(in_use.record),  std::move(window.context),
+                   std::move(window.overlay), std::make_unique<Session>(std::move(session)),
+                   std::move(source),         std::move(outputs),
                    std::move(recorder)};
 }
 
 // Draws, shows and writes frames until the session ends.
 class LiveLoop {
  public:
-  // `overlay`: the window's overlay; nullptr without a window.
-  LiveLoop(const LiveRequest& request, LiveSetup& setup, InterruptWatch& interrupt,
-           std::unique_ptr<Overlay> overlay)
+  LiveLoop(const LiveRequest& request, LiveSetup& setup, InterruptWatch& interrupt)
       : request_(request),
         setup_(setup),
         interrupt_(interrupt),
         run_({setup.camera}),
         host_(*setup.session, run_, *setup.source, *setup.recorder, request),
-        viewer_(overlay ? std::make_unique<Viewer>(*setup.context, host_, std::move(overlay),
-                                                   request.viewer)
-                        : nullptr),
+        viewer_(setup.overlay ? std::make_unique<Viewer>(*setup.context, host_,
+                                                         std::move(setup.overlay), request.viewer)
+                              : nullptr),
         late_(setup.session.get(), setup.outputs, run_),
         image_faults_(setup.tags),
         refinement_(request.refine_map ? std::make_unique<MapRefinement>(
@@ -435,11 +469,7 @@ Result<RunReport> LiveLoop::finish() {
 Result<RunReport> run_live(const LiveRequest& request) {
   InterruptWatch interrupt;  // declared first, because the objects below start threads
   PENUMBRA_TRY(auto setup, open_setup(request, interrupt));
-  std::unique_ptr<Overlay> overlay;
-  if (setup.context->window_size().width > 0) {
-    PENUMBRA_TRY(overlay, Overlay::create(*setup.context));
-  }
-  LiveLoop loop(request, setup, interrupt, std::move(overlay));
+  LiveLoop loop(request, setup, interrupt);
   loop.run();
   return loop.finish();
 }

@@ -334,18 +334,21 @@ Result<void> LateOutputs::write_pending() {
   return written ? tl::unexpected(taken.error()) : written;
 }
 
-Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync) {
+Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync, bool full_screen) {
   return with_either_api([&](GlApi api) {
-    return create_window_context(
-        {.width = size.width, .height = size.height, .api = api, .vsync = vsync});
+    return create_window_context({.width = size.width,
+                                  .height = size.height,
+                                  .api = api,
+                                  .vsync = vsync,
+                                  .full_screen = full_screen});
   });
 }
 
 Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                     GlContext::Size size) {
-  if (choice.window && display_available()) {
-    auto window = open_window(size, choice.vsync);
-    if (window) return window;
+  if (choice.required || (choice.window && display_available())) {
+    auto window = open_window(size, choice.vsync, choice.full_screen);
+    if (window || choice.required) return window;
     fmt::print("{}; going on offscreen\n", window.error().message);
   } else if (choice.window) {
     fmt::print("no display; going on offscreen\n");

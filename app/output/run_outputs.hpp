@@ -127,11 +127,14 @@ void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
     const OutputRequest& request, bool skip);
 
 // Opens a window for an image of this size [px].
-[[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync);
+[[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync,
+                                                             bool full_screen = false);
 
 struct WindowChoice {
   bool window = true;  // opens a window if there is a display
   bool vsync = true;
+  bool full_screen = false;
+  bool required = false;  // fails without a display, in place of an offscreen context
 };
 // Opens a window, or an offscreen context instead. Prints why a requested window is not opened.
 // `size`: size of the image and of a new window [px].

@@ -220,8 +220,9 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   PENUMBRA_TRY(setup.source, open_frames(request, recording));
 
   setup.image = image_size(request, *recording.camera);
-  PENUMBRA_TRY(setup.context,
-               open_run_context({request.window, true}, window_size_for(setup.image)));
+  PENUMBRA_TRY(setup.context, open_run_context({.window = request.window,
+                                                .full_screen = request.viewer.full_screen},
+                                               window_size_for(setup.image)));
   if (setup.tags && !request.poses_from) print_tags(*setup.tags);
   log_info("OpenGL: {}, {}", setup.context->info().renderer, setup.context->info().version);
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);

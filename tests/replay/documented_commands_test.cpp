@@ -56,6 +56,7 @@ struct DocumentCase {
 constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
                                    DocumentCase{"Usage", "docs/usage.md", 18},
                                    DocumentCase{"Live", "docs/live.md", 2},
+                                   DocumentCase{"Kiosk", "docs/kiosk.md", 1},
                                    DocumentCase{"Studies", "docs/studies.md", 2},
                                    DocumentCase{"Shadows", "docs/shadows.md", 4},
                                    DocumentCase{"Tracking", "docs/tracking.md", 1},

@@ -48,8 +48,8 @@ inline void slow_down(std::vector<std::string>& arguments) {
 }
 
 // Adds `environment` entries ("NAME=value") to this process's environment and removes DISPLAY and
-// WAYLAND_DISPLAY, so that no window opens. Calls `when_started` (optional) with the process id
-// before it reads any output.
+// WAYLAND_DISPLAY, so that no window opens, and the user's configuration. Calls `when_started`
+// (optional) with the process id before it reads any output.
 inline ProgramResult run_program(const std::filesystem::path& program,
                                  const std::vector<std::string>& arguments,
                                  const std::vector<std::string>& environment = {},
@@ -65,8 +65,9 @@ inline ProgramResult run_program(const std::filesystem::path& program,
   for (char** entry = environ; *entry != nullptr; ++entry) {
     const std::string text = *entry;
     if (text.starts_with("DISPLAY=") || text.starts_with("WAYLAND_DISPLAY=")) continue;
-    variables.push_back(text);
+    if (!text.starts_with("XDG_CONFIG_HOME=")) variables.push_back(text);
   }
+  variables.emplace_back("XDG_CONFIG_HOME=/dev/null");
   variables.insert(variables.end(), environment.begin(), environment.end());
   std::vector<char*> envp;
   for (std::string& variable : variables) envp.push_back(variable.data());

@@ -32,6 +32,8 @@ constexpr auto kOthers =
                                      "--save-scene",    "--threads",
                                      "--pixel-buffers", "--no-skip",
                                      "--no-window",     "--no-hud",
+                                     "--fullscreen",    "--kiosk",
+                                     "--reset-after",   "--config",
                                      "--no-vsync",      "--version",
                                      "--log-level"});
 
