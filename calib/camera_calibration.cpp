@@ -105,6 +105,7 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
   self.motion_.emplace(target);
   if (target.tags) {
     PENUMBRA_TRY(self.check_, ImageCheck::create(*target.tags));
+    self.census_.emplace(*target.tags);
   }
   return self;
 }
@@ -124,6 +125,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma,
   image.width = luma.width;
   image.height = luma.height;
   image.view = detector_->detect(luma);
+  if (census_) census_->add(image.view, luma);
   if (timestamp_ns) motion_->add(*timestamp_ns, image.view.corners);
   ++candidates_;
   if (!image.view.corners.empty()) ++images_with_target_;
@@ -255,8 +257,9 @@ Result<void> CameraCalibrator::check_found() const {
       return fail("the target ({}) is in none of {} images as they are{}", target_.description,
                   images_.size(), because);
     }
-    return fail("the target ({}) is in none of {} images{}; is it the right target file?",
-                target_.description, images_.size(), because);
+    const bool has_others = census_ && !census_->differences().empty();
+    return fail("the target ({}) is in none of {} images{}{}", target_.description, images_.size(),
+                because, has_others ? "" : "; is it the right target file?");
   }
   if (!too_few) return {};
   if (usable == static_cast<int>(images_.size())) {
@@ -433,6 +436,13 @@ Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) 
 Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
                                                    const StepCallback& on_step) {
   stop_ = std::move(stop);
+  auto result = solve(on_step);
+  const auto differences = census_ ? census_->differences() : std::vector<std::string>();
+  if (result || differences.empty() || stop_.stop_requested()) return result;
+  return fail("{}; {}", result.error().message, fmt::join(differences, "; "));
+}
+
+Result<CameraCalibration> CameraCalibrator::solve(const StepCallback& on_step) {
   PENUMBRA_TRY_VOID(check_found());
   PENUMBRA_TRY_VOID(check_markers());
   reject_blurred();
@@ -482,6 +492,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   PENUMBRA_TRY_VOID(check_solution(result.solution, views));
   result.images = std::move(images_);
   result.other_board = other_board_advice();
+  if (census_) result.target_differences = census_->differences();
   judge(result);
   report_step("row time and tone curve", last);
   result.row_time = motion_->row_time(result.solution.camera);

@@ -13,6 +13,7 @@
 #include "calib/solver/intrinsics_solver.hpp"
 #include "calib/solver/lens_choice.hpp"
 #include "calib/solver/table_volume.hpp"
+#include "calib/target/tag_census.hpp"
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"
 #include "calib/target/target_motion.hpp"
@@ -101,6 +102,8 @@ struct CameraCalibration {
   std::optional<double> held_out_px;  // RMS error in held-out views
   // Advice to users if most images show a chessboard with other numbers of corners.
   std::optional<std::string> other_board;
+  // Lines about tags in the images that the target file does not have, and the reverse.
+  std::vector<std::string> target_differences;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;
   std::optional<ToneEstimate> tone;  // for targets with tags; also set in solution.camera
@@ -147,6 +150,7 @@ class CameraCalibrator {
 
  private:
   CameraCalibrator() = default;
+  [[nodiscard]] Result<CameraCalibration> solve(const StepCallback& on_step);
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
   // Searches for a chessboard of any size, in a limited number of images: each takes 0.1 s.
   void detect_any_board(ImageView luma, int max_images);
@@ -167,6 +171,7 @@ class CameraCalibrator {
   CalibrationOptions options_;
   std::optional<TargetDetector> detector_;
   std::optional<ImageCheck> check_;  // for targets with tags
+  std::optional<TagCensus> census_;  // for targets with tags
   std::optional<TargetMotion> motion_;
   bool found_faulty_image_ = false;  // an image was mirrored or negative
   std::vector<CalibrationImage> images_;

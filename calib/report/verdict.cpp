@@ -166,6 +166,8 @@ void judge(CameraCalibration& result) {
         fmt::format("few views near the {}", fmt::join(nearly_empty, ", the ")));
   const bool has_gaps = !result.advice.empty();
   if (result.other_board) result.advice.insert(result.advice.begin(), *result.other_board);
+  result.advice.insert(result.advice.begin(), result.target_differences.begin(),
+                       result.target_differences.end());
   if (result.tilt_spread_deg < kGoodTilt_deg) {
     // Rounded down, so that 39.9 does not look like 40.
     result.advice.push_back(
@@ -222,7 +224,7 @@ void judge(CameraCalibration& result) {
                       worst.empty() ? std::string() : ", and near " + worst));
     }
     if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
-  } else if (has_gaps || result.other_board) {
+  } else if (has_gaps || result.other_board || !result.target_differences.empty()) {
     text += fmt::format("; {}", result.advice.front());
   }
   result.verdict = text;

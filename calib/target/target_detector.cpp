@@ -145,18 +145,22 @@ std::optional<std::array<int, 2>> chessboard_size(ImageView luma) {
 }
 
 std::map<std::size_t, TagDetection> TargetDetector::seen_tags(ImageView luma, TagDetector& detector,
+                                                              TargetView* view,
                                                               int* repeated) const {
   const std::vector<MappedTag>& mapped = target_.tags->tags();
   std::map<std::size_t, int> times;
   std::map<std::size_t, TagDetection> seen;
   for (const TagDetection& detection : detector.detect(luma)) {
     const MappedTag* tag = target_.tags->find(detection.family, detection.id);
+    if (tag == nullptr && view != nullptr)
+      view->other_tags.emplace_back(detection.family, detection.id);
     if (tag == nullptr) continue;
     const auto index = static_cast<std::size_t>(tag - mapped.data());
     ++times[index];
     seen[index] = detection;
   }
   for (const auto& [tag, count] : times) {
+    if (view != nullptr) view->tags_seen.push_back(tag);
     if (count == 1) continue;
     seen.erase(tag);
     if (repeated != nullptr) ++*repeated;
@@ -210,7 +214,7 @@ double TargetDetector::blur_of(ImageView luma, const TargetView& view) const {
 TargetView TargetDetector::detect_tags(ImageView luma) {
   TargetView view;
   int repeated = 0;
-  const auto seen = seen_tags(luma, *tags_, &repeated);
+  const auto seen = seen_tags(luma, *tags_, &view, &repeated);
   int cut_off = 0;
   for (const auto& [index, detection] : seen) {
     std::array<TargetCorner, 4> corners;
@@ -232,7 +236,9 @@ TargetView TargetDetector::detect_tags(ImageView luma) {
   }
   const std::size_t needed = std::min<std::size_t>(kMinCorners, target_.points.size());
   if (view.corners.size() < needed) {
-    view.problem = seen.empty() ? "no tag of the target is seen"
+    view.problem = seen.empty() && !view.other_tags.empty()
+                       ? "only tags that are not in the target file are seen"
+                   : seen.empty() ? "no tag of the target is seen"
                    : repeated > 0
                        ? "the target's tags are seen twice"
                        : fmt::format("only {} of {} tags are seen whole{}", view.corners.size() / 4,
@@ -350,7 +356,7 @@ std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
 
 TargetView TargetDetector::detect_charuco(ImageView luma) {
   TargetView view;
-  const auto seen = seen_tags(luma, *tags_);
+  const auto seen = seen_tags(luma, *tags_, &view);
   for (std::size_t point = 0; point < target_.points.size(); ++point) {
     // Averages the predictions by the homographies of adjacent tags, which is accurate for any
     // lens.
@@ -386,9 +392,11 @@ TargetView TargetDetector::detect_charuco(ImageView luma) {
   }
   view.markers = marker_share(view, seen);
   if (view.corners.size() < kMinCorners) {
-    view.problem = seen.empty() ? "no tag of the board is seen"
-                                : fmt::format("only {} of {} corners are seen", view.corners.size(),
-                                              target_.points.size());
+    view.problem = seen.empty() && !view.other_tags.empty()
+                       ? "only tags that are not in the target file are seen"
+                   : seen.empty() ? "no tag of the board is seen"
+                                  : fmt::format("only {} of {} corners are seen",
+                                                view.corners.size(), target_.points.size());
   }
   return view;
 }

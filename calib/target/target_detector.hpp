@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "calib/target/target.hpp"
@@ -30,6 +31,9 @@ struct TargetView {
   std::vector<TargetCorner> corners;  // by point; each point once
   // Sigma of the blur across the target's edges [px], upper quartile; 0 if unknown.
   double blur_px = 0.0;
+  std::vector<std::size_t> tags_seen;  // indices into the tag map
+  // Tags of the target's families that are not in its map.
+  std::vector<std::pair<TagFamily, int>> other_tags;
   // Number of the board's tags with a border of two cells, as Kalibr prints them.
   int two_cell_tags = 0;
   // Median marker size of a ChArUco board; nullopt if no marker is detected with all four corners
@@ -76,7 +80,9 @@ class TargetDetector {
   [[nodiscard]] double blur_of(ImageView luma, const TargetView& view) const;
   [[nodiscard]] bool has_squares(ImageView luma, const TargetView& view) const;
   // Returns the detected tags by index in the map. Skips repeated ids, which `repeated` counts.
+  // Lists what was detected in `view`, if it is not nullptr.
   [[nodiscard]] std::map<std::size_t, TagDetection> seen_tags(ImageView luma, TagDetector& detector,
+                                                              TargetView* view = nullptr,
                                                               int* repeated = nullptr) const;
 
   Target target_;

@@ -92,6 +92,17 @@ std::string_view to_string(TagFamily family) {
   return kFamilyNames[static_cast<std::size_t>(family)];
 }
 
+std::vector<TagFamily> distinct_tag_families() {
+  std::vector<TagFamily> families;
+  for (std::size_t i = 0; i < kFamilyNames.size(); ++i) {
+    const auto family = static_cast<TagFamily>(i);
+    constexpr int kLargest = 1000;
+    const auto dictionary = aruco_dictionary_of(family);
+    if (!dictionary || dictionary->count == kLargest) families.push_back(family);
+  }
+  return families;
+}
+
 std::optional<TagFamily> tag_family_from_string(std::string_view name) {
   // Strips the scope of "cv2.aruco.DICT_4X4_50" and "cv::aruco::DICT_4X4_50".
   if (const std::size_t scope = name.find_last_of(".:"); scope != std::string_view::npos)

@@ -47,6 +47,8 @@ struct ArucoDictionary {
 [[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
 
 [[nodiscard]] std::string_view to_string(TagFamily family);
+// Returns all families, of ArUco's dictionaries only the largest ones, which contain the others.
+[[nodiscard]] std::vector<TagFamily> distinct_tag_families();
 // Accepts the names of OpenCV, ROS and AprilTag, in any case, with or without separators:
 // "tag36h11", "36h11", "apriltag_36h11", "DICT_APRILTAG_36h11"; "Standard41h12"; "DICT_4X4_50",
 // "4x4_50", "aruco_4x4_50"; "t36h11" (Kalibr).

@@ -97,8 +97,9 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
         ++handle->bit_y[bit];
       }
     }
-    apriltag_detector_add_family_bits(impl->detector, handle.get(),
-                                      std::min(kMaxCorrectedBits, max_corrected_bits(family)));
+    apriltag_detector_add_family_bits(
+        impl->detector, handle.get(),
+        std::min({kMaxCorrectedBits, options.max_corrected_bits, max_corrected_bits(family)}));
     impl->families.push_back({family, std::move(handle)});
   }
   return TagDetector(std::move(impl));

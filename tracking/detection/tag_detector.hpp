@@ -25,6 +25,7 @@ struct TagDetectorOptions {
   // Width of the black border [cells]: 1 as in libapriltag's families, or 2 as on Kalibr's boards
   // (tag36h11 only). The corners are those of the border.
   int border_cells = 1;
+  int max_corrected_bits = 1;  // wrong bits of a code that may be corrected: 0 or 1
 };
 
 class TagDetector {
