@@ -48,14 +48,11 @@ void set_grid(const TargetOptions& options, int& columns, int& rows) {
   rows = options.rows.value_or(rows);
 }
 
-SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
+Result<SheetTarget> sheet_target_of(const TargetOptions& options, TagFamily family) {
   if (options.type == "aprilgrid") {
-    AprilGrid grid;
+    PENUMBRA_TRY(AprilGrid grid, april_grid_of(family, options.tag_size_m, options.spacing));
     grid.rows = 4;
     set_grid(options, grid.columns, grid.rows);
-    grid.tag_size_m = options.tag_size_m.value_or(grid.tag_size_m);
-    grid.spacing = options.spacing.value_or(grid.spacing);
-    grid.family = family;
     grid.first_id = options.first_id;
     return grid;
   }
@@ -74,11 +71,8 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
     board.square_m = options.square_m.value_or(board.square_m);
     return board;
   }
-  TagBoard board;
+  PENUMBRA_TRY(TagBoard board, tag_board_of(family, options.tag_size_m, options.pitch_m));
   set_grid(options, board.columns, board.rows);
-  board.tag_size_m = options.tag_size_m.value_or(board.tag_size_m);
-  board.pitch_m = options.pitch_m.value_or(board.pitch_m);
-  board.family = family;
   board.first_id = options.first_id;
   return board;
 }
@@ -116,7 +110,9 @@ ChosenSheet target_of(const TargetOptions& options) {
         options.dictionary);
   }
   if (!family) usage_error("--family", "{}", unknown_tag_family(options.family));
-  const SheetTarget target = sheet_target_of(options, *family);
+  const auto chosen = sheet_target_of(options, *family);
+  if (!chosen) usage_error("--family", "{}", chosen.error().message);
+  const SheetTarget& target = *chosen;
   const auto page = page_size_from_string(options.page);
   if (!page) usage_error("--page", "{}", page.error().message);
   if (const auto fits = check_fits(target, *page); !fits) {
@@ -260,13 +256,14 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
              "Tags, squares or inner corners down (3, 4, 6, 6)")
       ->check(in_range(1, 100));
   add_option(command, "--tag-size", "METRES", options->tag_size_m,
-             "Edge of a tag's black square [m] (tags: 0.04, aprilgrid: 0.03, charuco: 0.0219)")
+             "Edge of a tag's black square [m] (default: by family; 0.04, aprilgrid: 0.03, "
+             "charuco: 0.0219)")
       ->check(length_check("m", 0.001, 2.0));
   add_option(command, "--pitch", "METRES", options->pitch_m,
-             "tags: from one's centre to the next [m] (default: 0.055)")
+             "tags: from one's centre to the next [m] (default: 0.055, more for larger tags)")
       ->check(length_check("m", 0.001, 10.0));
   add_option(command, "--spacing", "RATIO", options->spacing,
-             "aprilgrid: gap between tags over their size (default: 0.3)")
+             "aprilgrid: gap between tags over their size (default: by family, 0.3 or more)")
       ->check(in_range(0.01, 10.0));
   add_option(command, "--square", "METRES", options->square_m,
              "Edge of a square [m] (charuco: 0.03, chessboard: 0.022)")

@@ -1,5 +1,6 @@
 #include "calib/target/tag_board.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -32,6 +33,30 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
   }
   return BoardExtent{board.pitch_m * (board.columns - 1) + printed,
                      board.pitch_m * (board.rows - 1) + printed};
+}
+
+double whole_mm_below(double length_m) {
+  return 1e-3 * std::floor(1e3 * length_m + 1e-9);
+}
+
+Result<double> printed_ratio_of(TagFamily family) {
+  PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(family, 0));
+  return static_cast<double>(pattern.total_width()) / pattern.width_at_border();
+}
+
+Result<TagBoard> tag_board_of(TagFamily family, std::optional<double> size_m,
+                              std::optional<double> pitch_m) {
+  PENUMBRA_TRY(const double ratio, printed_ratio_of(family));
+  TagBoard board;
+  board.family = family;
+  board.tag_size_m =
+      size_m.value_or(std::min(board.tag_size_m, whole_mm_below(board.pitch_m / ratio)));
+  constexpr double kGap = 1.1;  // pitch over the width with margins, for a size that needs it
+  const double printed_m = ratio * board.tag_size_m;
+  if (printed_m > (1.0 + 1e-9) * board.pitch_m)
+    board.pitch_m = 1e-3 * std::ceil(1e3 * kGap * printed_m);
+  board.pitch_m = pitch_m.value_or(board.pitch_m);
+  return board;
 }
 
 Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {

@@ -1,6 +1,8 @@
 // A sheet with a grid of tags: its size and its tag map. Drawing it is target_sheet.hpp.
 #pragma once
 
+#include <optional>
+
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
 
@@ -16,6 +18,18 @@ struct TagBoard {
   double tag_size_m = 0.04;  // edge of the black border's outer square
   double pitch_m = 0.055;    // distance between neighbouring tags' centres
 };
+
+// Rounds a length [m] down to whole millimetres.
+[[nodiscard]] double whole_mm_below(double length_m);
+
+// Returns the width of a tag with its white margin over its size.
+[[nodiscard]] Result<double> printed_ratio_of(TagFamily family);
+
+// Returns the default board of a family: the largest tags up to the default size that fit with
+// their white margins into the default pitch. `size_m`, `pitch_m`: given values; a given size may
+// need a larger pitch.
+[[nodiscard]] Result<TagBoard> tag_board_of(TagFamily family, std::optional<double> size_m = {},
+                                            std::optional<double> pitch_m = {});
 
 // `printed_scale`: true / nominal length on the printed sheet; 0.992 if the 100 mm ruler measures
 // 99.2 mm. Fails if tags (with their white margins) overlap or the family has no such ids.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "calib/target/tag_board.hpp"
 #include "core/propagate.hpp"
 #include "core/text/yaml_fields.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
@@ -201,6 +202,20 @@ Result<Target> charuco_target(const CharucoBoard& board) {
   target.description = fmt::format("ChArUco board of {} x {} squares of {:g} mm", board.columns,
                                    board.rows, board.square_m * 1e3);
   return target;
+}
+
+Result<AprilGrid> april_grid_of(TagFamily family, std::optional<double> size_m,
+                                std::optional<double> spacing) {
+  PENUMBRA_TRY(const double ratio, printed_ratio_of(family));
+  AprilGrid grid;
+  grid.family = family;
+  const double pitch_m = grid.tag_size_m * (1.0 + grid.spacing);
+  constexpr double kStep = 0.05;
+  const double needed = kStep * std::ceil((ratio - 1.0) / kStep - 1e-9);
+  grid.spacing = spacing.value_or(std::max(grid.spacing, needed));
+  grid.tag_size_m =
+      size_m.value_or(std::min(grid.tag_size_m, whole_mm_below(pitch_m / (1.0 + grid.spacing))));
+  return grid;
 }
 
 Result<TagMap> tag_map_of(const AprilGrid& grid) {

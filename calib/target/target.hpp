@@ -69,6 +69,10 @@ struct AprilGrid {
   int first_id = 0;
 };
 [[nodiscard]] Result<TagMap> tag_map_of(const AprilGrid& grid);
+// Returns the default grid of a family: a spacing for the white margins, and tags that are not
+// wider with it than those of the default family.
+[[nodiscard]] Result<AprilGrid> april_grid_of(TagFamily family, std::optional<double> size_m = {},
+                                              std::optional<double> spacing = {});
 
 // Returns a tag in the table's plane. Fails if the family has no such id.
 [[nodiscard]] Result<MappedTag> flat_tag(TagFamily family, int id, double size_m, double x_m,

@@ -1,6 +1,7 @@
 // Measures the printed sheet: renders the PDF at 300 dpi and detects its tags.
 #include "calib/target/target_sheet.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -24,10 +25,10 @@ using testing::HasSubstr;
 
 constexpr double kPixelsPerMetre = 300.0 / 0.0254;
 
-Frame rendered(const std::filesystem::path& pdf) {
+Frame rendered(const std::filesystem::path& pdf, int dots_per_inch = 300) {
   const std::filesystem::path base = pdf.parent_path() / "page";
-  const std::string command =
-      "pdftoppm -r 300 -gray -png -singlefile '" + pdf.string() + "' '" + base.string() + "'";
+  const std::string command = fmt::format("pdftoppm -r {} -gray -png -singlefile '{}' '{}'",
+                                          dots_per_inch, pdf.string(), base.string());
   EXPECT_EQ(std::system(command.c_str()), 0) << command;
   Result<Frame> frame = load_image(base.string() + ".png");
   EXPECT_TRUE(frame) << frame.error().message;
@@ -101,6 +102,44 @@ DetectedSheet printed(const SheetTarget& sheet, const PageSize& page) {
   TargetDetector detector = TargetDetector::create(sheet_image.target).value();
   sheet_image.view = detector.detect(luma(sheet_image.frame, scratch));
   return sheet_image;
+}
+
+// The defaults of each family are a sheet that fits the page, with all tags readable.
+TEST(TargetSheet, HasReadableDefaultsForEveryFamily) {
+  const PageSize a4 = page_size_from_string("a4").value();
+  for (const TagFamily family : distinct_tag_families()) {
+    AprilGrid grid = april_grid_of(family).value();
+    grid.rows = 4;
+    for (const SheetTarget& target :
+         {SheetTarget(tag_board_of(family).value()), SheetTarget(grid)}) {
+      ASSERT_TRUE(check_fits(target, a4)) << to_string(family);
+      const test::TemporaryFolder folder;
+      ASSERT_TRUE(write_sheet(folder.path() / "sheet.pdf", target, a4)) << to_string(family);
+      constexpr int kDotsPerInch = 100;
+      const Frame frame = rendered(folder.path() / "sheet.pdf", kDotsPerInch);
+      TagDetectorOptions options;
+      options.max_corrected_bits = 0;
+      std::vector<std::uint8_t> scratch;
+      TagDetector detector = TagDetector::create(std::array{family}, options).value();
+      const std::size_t count = std::holds_alternative<AprilGrid>(target) ? 24 : 12;
+      EXPECT_EQ(detector.detect(luma(frame, scratch)).size(), count)
+          << to_string(family) << ", sheet " << target.index();
+    }
+  }
+}
+
+TEST(TargetSheet, KeepsDefaultsOfUsualFamilies) {
+  for (const TagFamily family :
+       {TagFamily::tag36h11, TagFamily::tag16h5, TagFamily::aruco_4x4_50}) {
+    const TagBoard board = tag_board_of(family).value();
+    EXPECT_EQ(board.tag_size_m, 0.04);
+    EXPECT_EQ(board.pitch_m, 0.055);
+  }
+  EXPECT_EQ(april_grid_of(TagFamily::tag36h11).value().tag_size_m, 0.03);
+  EXPECT_EQ(april_grid_of(TagFamily::tag36h11).value().spacing, 0.3);
+  EXPECT_EQ(tag_board_of(TagFamily::tag36h11, 0.03).value().pitch_m, 0.055);
+  EXPECT_NEAR(tag_board_of(TagFamily::tag36h11, 0.08).value().pitch_m, 0.110, 1e-9);
+  EXPECT_EQ(tag_board_of(TagFamily::tag36h11, 0.08, 0.2).value().pitch_m, 0.2);
 }
 
 class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
