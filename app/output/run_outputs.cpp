@@ -271,6 +271,19 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
   return write_text(*report, report_json(measured));
 }
 
+Result<void> save_refined_camera(OutputFile& file, const CameraModel& camera,
+                                 const CalibrationRecord* record) {
+  CameraFileFormat format = output_format_of(file.target());
+  if (!can_hold(format, camera)) {
+    log_warning("{}: {}'s files can't hold this lens; it is written as a ROS file",
+                file.target().string(), to_string(format));
+    format = CameraFileFormat::ros;
+  }
+  if (const auto saved = save_camera(file.partial(), camera, format, record); !saved)
+    return file.failed(saved.error());
+  return {};
+}
+
 Result<void> RunOutputs::write_refined(const TagMap& map, const CameraModel& camera,
                                        const CalibrationRecord* record) {
   std::vector<OutputFile*> files;
@@ -279,9 +292,7 @@ Result<void> RunOutputs::write_refined(const TagMap& map, const CameraModel& cam
     files.push_back(&*refined_map);
   }
   if (refined_camera) {
-    if (auto saved = save_camera(refined_camera->partial(), camera, CameraFileFormat::ros, record);
-        !saved)
-      return refined_camera->failed(saved.error());
+    PENUMBRA_TRY_VOID(save_refined_camera(*refined_camera, camera, record));
     files.push_back(&*refined_camera);
   }
   return commit_together(files);

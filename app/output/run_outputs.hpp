@@ -126,6 +126,11 @@ void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
     const Scene& scene, const TagMap& tags, const std::filesystem::path& tags_file,
     const OutputRequest& request, bool skip);
 
+// Writes a refined camera to the partial file, in the format of output_format_of(), or in ROS's if
+// that can't hold the lens.
+[[nodiscard]] Result<void> save_refined_camera(OutputFile& file, const CameraModel& camera,
+                                               const CalibrationRecord* record);
+
 // Opens a window for an image of this size [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync,
                                                              bool full_screen = false);

@@ -159,6 +159,12 @@ std::optional<std::string_view> model_name(DistortionModel model, CameraFileForm
   return name.empty() ? std::nullopt : std::optional(name);
 }
 
+bool can_hold(CameraFileFormat format, const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const bool has_k3 = p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0;
+  return model_name(p.model, format) && !(format == CameraFileFormat::kalibr && has_k3);
+}
+
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
@@ -169,8 +175,7 @@ Result<void> save_camera(const std::filesystem::path& file, const CameraModel& c
         "{}: {}'s files have no {} lens; write another format or calibrate with --model plumb_bob",
         file.string(), to_string(format), short_name(p.model));
   }
-  if (format == CameraFileFormat::kalibr && p.model == DistortionModel::plumb_bob &&
-      p.distortion[4] != 0.0) {
+  if (!can_hold(format, camera)) {
     return fail(
         "{}: Kalibr's radtan lens has no k3, and this one has {}; without it the lens differs: "
         "write another format, or calibrate with --format kalibr, which solves for a "

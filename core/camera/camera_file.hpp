@@ -44,6 +44,13 @@ enum class CameraFileFormat { ros, opencv, kalibr };
 [[nodiscard]] std::optional<std::string_view> model_name(DistortionModel model,
                                                          CameraFileFormat format);
 
+// Returns whether a file of this format can hold the lens: model_name() is known, and k3 is 0
+// (Kalibr).
+[[nodiscard]] bool can_hold(CameraFileFormat format, const CameraModel& camera);
+// Returns the format for writing a camera to this file: that of the camera file that it replaces,
+// else by its name: Kalibr's if that contains "camchain", OpenCV's for *.yml, else ROS's.
+[[nodiscard]] CameraFileFormat output_format_of(const std::filesystem::path& file);
+
 // How a camera was calibrated. Stored in extra keys, which readers of ROS and OpenCV files ignore.
 // NaN: unknown; then the key is omitted.
 struct CalibrationRecord {
@@ -66,7 +73,7 @@ struct CalibrationRecord {
   std::optional<double> row_time_sigma_s;  // of rolling_shutter_row_s
 };
 
-// Fails if the format can't represent the lens: model_name() is nullopt, or k3 is not 0 (Kalibr).
+// Fails unless can_hold().
 [[nodiscard]] Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                                        CameraFileFormat format = CameraFileFormat::ros,
                                        const CalibrationRecord* record = nullptr);

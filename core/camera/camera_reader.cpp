@@ -530,6 +530,39 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
   }
 }
 
+namespace {
+
+// Returns nullopt if the file is no camera file, or of a format that is not written.
+std::optional<CameraFileFormat> stored_format_of(const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) return std::nullopt;
+  const auto text = read_text_file(file, kMaxYamlBytes);
+  if (!text || is_xml(*text)) return std::nullopt;
+  const auto root = parse_yaml_map(without_bytes_literals(*text), file.string());
+  if (!root) return std::nullopt;
+  try {
+    const YamlFields fields(*root, file.string());
+    if (fields.has("lensmodel")) return std::nullopt;
+    if (!is_camera(fields)) {
+      return wrapped_cameras(*root).empty() ? std::nullopt
+                                            : std::optional(CameraFileFormat::kalibr);
+    }
+    const auto matrix = fields.node(key_present(fields, kMatrixKeys, {}), "");
+    return matrix && is_opencv_matrix(*matrix) ? CameraFileFormat::opencv : CameraFileFormat::ros;
+  } catch (const std::exception&) {  // thrown by yaml-cpp
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
+CameraFileFormat output_format_of(const std::filesystem::path& file) {
+  if (const auto stored = stored_format_of(file)) return *stored;
+  if (file.filename().string().find("camchain") != std::string::npos)
+    return CameraFileFormat::kalibr;
+  return file.extension() == ".yml" ? CameraFileFormat::opencv : CameraFileFormat::ros;
+}
+
 Result<CameraModel> load_camera(const std::filesystem::path& file) {
   PENUMBRA_TRY(LoadedCamera loaded, load_camera_file(file));
   return std::move(loaded.camera);

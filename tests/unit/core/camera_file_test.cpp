@@ -300,5 +300,29 @@ TEST_F(CameraFile, FormatsSameTextAsFile) {
   EXPECT_EQ(read_text_file(file_, 100'000).value(), ros_camera_text(*camera));
 }
 
+TEST(CameraFileOutput, KeepsFormatOfReplacedFile) {
+  const test::TemporaryFolder folder;
+  CameraParameters lens;
+  lens.width = 640;
+  lens.height = 480;
+  lens.fx = lens.fy = 500.0;
+  lens.cx = 320.0;
+  lens.cy = 240.0;
+  const CameraModel camera = CameraModel::make(lens).value();
+  const auto file = folder.path() / "camera.yaml";
+  for (const CameraFileFormat format :
+       {CameraFileFormat::ros, CameraFileFormat::opencv, CameraFileFormat::kalibr}) {
+    ASSERT_TRUE(save_camera(file, camera, format));
+    EXPECT_EQ(output_format_of(file), format) << to_string(format);
+  }
+  EXPECT_EQ(output_format_of(folder.path() / "new.yaml"), CameraFileFormat::ros);
+  EXPECT_EQ(output_format_of(folder.path() / "new.yml"), CameraFileFormat::opencv);
+  EXPECT_EQ(output_format_of(folder.path() / "camchain-new.yaml"), CameraFileFormat::kalibr);
+  ASSERT_TRUE(write_text_file(file, "nothing: [1\n"));
+  EXPECT_EQ(output_format_of(file), CameraFileFormat::ros);
+  EXPECT_EQ(output_format_of(folder.path()), CameraFileFormat::ros);
+  EXPECT_EQ(output_format_of("/dev/stdout"), CameraFileFormat::ros);
+}
+
 }  // namespace
 }  // namespace penumbra
