@@ -149,7 +149,7 @@ void verdict(const GuideHud& hud, GlContext::Size size, float em) {
   // Removes the grade, which is drawn above.
   const std::string grade = hud.grade ? std::string(to_string(*hud.grade)) + ": " : std::string();
   words(hud.words.starts_with(grade) ? hud.words.substr(grade.size()) : hud.words);
-  if (hud.grade || hud.failed) words("Press a key to end.");
+  if (hud.grade || hud.failed) words("Press a key " + hud.after_key + ".");
   ImGui::PopTextWrapPos();
   ImGui::End();
 }
@@ -264,7 +264,8 @@ void GuideWindow::save_window_image() {
   log_info("{}", save_screenshot_png(size.width, size.height, rgba));
 }
 
-void GuideWindow::wait(InterruptWatch& interrupt) {
+void GuideWindow::wait(InterruptWatch& interrupt, const std::string& purpose) {
+  hud_.after_key = purpose;
   key_pressed_ = false;
   while (!closed_ && !key_pressed_ && !interrupt.interrupted()) {
     refresh();

@@ -29,6 +29,7 @@ struct GuideHud {
   std::string words;                      // text in place of the bars: "solving", or the result
   std::optional<CalibrationGrade> grade;  // grade of the calibration
   bool failed = false;                    // `words` is an error message
+  std::string after_key = "to end";       // purpose of the key that closes the result
 };
 
 class GuideWindow {
@@ -48,8 +49,9 @@ class GuideWindow {
   void refresh();
   [[nodiscard]] bool closed() const { return closed_; }
   [[nodiscard]] bool display_lost() const { return context_->display_lost(); }
-  // Refreshes until a key is pressed, the window is closed or the program interrupted.
-  void wait(InterruptWatch& interrupt);
+  // Refreshes until a key is pressed, the window is closed or the program interrupted. `purpose`:
+  // of the key, "to end" or "to go on".
+  void wait(InterruptWatch& interrupt, const std::string& purpose);
 
  private:
   GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Overlay> overlay,

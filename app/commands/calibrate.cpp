@@ -42,6 +42,7 @@ struct CalibrateOptions {
   std::optional<double> focus_position;
   int views = 60;
   bool window = true;
+  bool is_step = false;    // another command goes on after it
   CameraRequest camera;    // used if the source is a camera
   CaptureOptions capture;  // used if the source is a camera or a recording played as one
 };
@@ -49,9 +50,8 @@ struct CalibrateOptions {
 CameraFileFormat format_of(const CalibrateOptions& options) {
   if (options.format == "ros") return CameraFileFormat::ros;
   if (options.format == "opencv") return CameraFileFormat::opencv;
-  const bool chain = options.output.filename().string().find("camchain") != std::string::npos;
-  if (options.format == "kalibr" || chain) return CameraFileFormat::kalibr;
-  return options.output.extension() == ".yml" ? CameraFileFormat::opencv : CameraFileFormat::ros;
+  if (options.format == "kalibr") return CameraFileFormat::kalibr;
+  return output_format_of(options.output);
 }
 
 CalibrationOptions calibration_options(const CalibrateOptions& options) {
@@ -379,7 +379,7 @@ Result<bool> run_calibrate(const CalibrateOptions& options) {
     } else {
       window->say(written.error().message, std::nullopt, true);
     }
-    window->wait(interrupt);
+    window->wait(interrupt, options.is_step && written ? "to go on" : "to end");
   }
   if (!written) return tl::unexpected(written.error());
   if (window && window->display_lost()) {
@@ -393,13 +393,16 @@ Result<bool> run_calibrate(const CalibrateOptions& options) {
 
 }  // namespace
 
-Result<bool> calibrate_camera(const CameraRequest& camera, const std::filesystem::path& target,
-                              const std::filesystem::path& output) {
+Result<bool> calibrate_camera(const CameraRequest& camera, const CalibrationFiles& files,
+                              bool window) {
   CalibrateOptions options;
   options.source = camera.source;
   options.camera = camera;
-  options.target = target;
-  options.output = output;
+  options.target = files.target;
+  options.output = files.camera;
+  options.report = files.report;
+  options.window = window;
+  options.is_step = true;
   return run_calibrate(options);
 }
 
@@ -422,6 +425,7 @@ void check_options(CLI::App& command, CalibrateOptions& options) {
   } else if (!names_camera(options.camera.source)) {
     reject({"--size", "--fps", "--duration", "--keep"}, "the source is a folder");
   }
+  check_camera_output("--output", options.output);
   check_model_of_format(options);
 }
 
@@ -465,8 +469,9 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       "Shape of the target: rigid (as in its file), bowed, free (an offset per corner), auto")
       ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}).description(""))
       ->capture_default_str();
-  add_choice_option(command, "--format", {"auto", "ros", "opencv", "kalibr"}, options->format,
-                    "Format of the camera file; auto: by its name")
+  add_choice_option(
+      command, "--format", {"auto", "ros", "opencv", "kalibr"}, options->format,
+      "Format of the camera file; auto: of the file that it replaces, else by its name")
       ->capture_default_str();
   CLI::Option* compare = add_option(command, "--compare", "FILE", options->compare,
                                     "An earlier calibration to compare with");

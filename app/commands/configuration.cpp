@@ -78,20 +78,6 @@ std::string variable(const char* name) {
   return value != nullptr ? value : "";
 }
 
-// Returns the user's file; nullopt if it does not exist.
-std::optional<std::filesystem::path> default_file() {
-  std::filesystem::path folder = variable("XDG_CONFIG_HOME");
-  if (!folder.is_absolute()) {
-    const std::string home = variable("HOME");
-    if (home.empty()) return std::nullopt;
-    folder = std::filesystem::path(home) / ".config";
-  }
-  std::filesystem::path file = folder / "penumbra" / "config.yaml";
-  std::error_code ignored;
-  if (!std::filesystem::exists(file, ignored)) return std::nullopt;
-  return file;
-}
-
 // Replaces a leading "~/", as a shell does on a command line.
 std::string with_home(const std::string& text) {
   const std::string home = variable("HOME");
@@ -231,6 +217,16 @@ Result<std::vector<ConfiguredOption>> options_in(const YAML::Node& root, const C
 
 }  // namespace
 
+std::optional<std::filesystem::path> configuration_file() {
+  std::filesystem::path folder = variable("XDG_CONFIG_HOME");
+  if (!folder.is_absolute()) {
+    const std::string home = variable("HOME");
+    if (home.empty()) return std::nullopt;
+    folder = std::filesystem::path(home) / ".config";
+  }
+  return folder / "penumbra" / "config.yaml";
+}
+
 Result<std::optional<Configuration>> load_configuration(const CLI::App& program,
                                                         const std::vector<std::string>& words) {
   const std::size_t at = command_at(program, words);
@@ -238,8 +234,10 @@ Result<std::optional<Configuration>> load_configuration(const CLI::App& program,
   const std::set<std::string> given = given_options(words);
   if (given.contains("--help") || given.contains("--version")) return std::nullopt;
   const auto named = named_file(words);
-  const auto file = named ? named : default_file();
-  if (!file || file->empty()) return std::nullopt;
+  const auto file = named ? named : configuration_file();
+  std::error_code ignored;
+  if (!file || file->empty() || (!named && !std::filesystem::exists(*file, ignored)))
+    return std::nullopt;
 
   PENUMBRA_TRY(const std::string text, read_text_file(*file, kMaxYamlBytes));
   Configuration configuration;

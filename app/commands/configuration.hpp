@@ -24,6 +24,10 @@ struct Configuration {
   std::vector<std::string> unused;
 };
 
+// Returns the path of the user's configuration, whether it exists or not; nullopt without a home
+// folder.
+[[nodiscard]] std::optional<std::filesystem::path> configuration_file();
+
 // Returns the options that the configuration adds to a command line (without the program's name):
 // those of the file of --config, else those of $XDG_CONFIG_HOME/penumbra/config.yaml if it exists.
 // Options on the command line have priority. Returns nullopt if there is no file, for commands

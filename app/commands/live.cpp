@@ -45,7 +45,7 @@ Result<bool> calibrate(const LiveRequest& request, const RunReport& report,
     camera.width = report.width;
     camera.height = report.height;
   }
-  return calibrate_camera(camera, request.tags, file);
+  return calibrate_camera(camera, {request.tags, file, {}});
 }
 
 Result<ExitCode> live(const LiveOptions& options) {

@@ -204,10 +204,9 @@ Result<void> write_files(const SweptTags& swept, const std::optional<Calibration
     const auto record =
         refined_record(swept.survey, swept.row_time, given,
                        fmt::format("{} tags of penumbra map", swept.survey.tags.size()));
-    if (auto saved = save_camera(camera->partial(), swept.survey.camera, CameraFileFormat::ros,
-                                 record ? &*record : nullptr);
+    if (auto saved = save_refined_camera(*camera, swept.survey.camera, record ? &*record : nullptr);
         !saved)
-      return camera->failed(saved.error());
+      return saved;
     files.push_back(&*camera);
   }
   return commit_together(files);
@@ -293,6 +292,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
     if (options->camera.empty() && std::filesystem::is_regular_file(options->recording, ignored))
       usage_error("--camera", "is required: a video has no camera file");
     if (options->camera.empty()) options->camera = options->recording / "camera.yaml";
+    check_camera_output("--refine-camera", options->refined_camera);
     const std::array outputs = {options->output, options->refined_camera};
     const std::array inputs = {options->recording, options->sizes, options->camera};
     if (const auto once = check_written_once(outputs, inputs); !once)

@@ -258,6 +258,15 @@ PlanOptions plan_of(const ShadowChoice& choice) {
   return plan;
 }
 
+void check_camera_output(const std::string& option, const std::filesystem::path& file) {
+  const std::string extension = lower_extension(file);
+  if (extension != ".json" && extension != ".xml" && extension != ".cameramodel") return;
+  usage_error(option,
+              "{}: camera files are written as YAML; end the name in .yaml, or in .yml for "
+              "OpenCV's format",
+              file.string());
+}
+
 void check_camera_source(const std::string& source) {
   if (const auto address = parse_camera(source); !address)
     usage_error("--camera", "{}", address.error().message);
@@ -357,6 +366,7 @@ CLI::Option* add_refine_map_option(CLI::App& command, RunRequest& request) {
   option->expected(0, 1);
   const auto set_camera = [&request, is_yaml](const std::string& file) {
     if (!is_yaml(file)) usage_error("--refine-camera", "{}: name a file that ends in .yaml", file);
+    check_camera_output("--refine-camera", file);
     request.refined_camera = file;
   };
   add_text_option(command, "--refine-camera", "camera.yaml", set_camera,

@@ -53,12 +53,17 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 void add_import_command(CLI::App& program, ChosenCommand& chosen);
 void add_study_command(CLI::App& program, ChosenCommand& chosen);
+void add_setup_command(CLI::App& program, ChosenCommand& chosen);
 
-// Calibrates a camera as penumbra calibrate does, in a window if there is a display. Returns false
-// if the user interrupted it after the camera file was written.
+struct CalibrationFiles {
+  std::filesystem::path target, camera;
+  std::filesystem::path report;  // empty: none
+};
+// Calibrates a camera as penumbra calibrate does, as a step of another command. `window`: opens a
+// window if there is a display. Returns false if the user interrupted it after the camera file was
+// written.
 [[nodiscard]] Result<bool> calibrate_camera(const CameraRequest& camera,
-                                            const std::filesystem::path& target,
-                                            const std::filesystem::path& output);
+                                            const CalibrationFiles& files, bool window = true);
 
 // Reports wrong usage of an option by throwing CLI::ValidationError.
 template <class... Args>
@@ -179,6 +184,8 @@ void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunReq
 
 inline constexpr const char* kCalibrationMissing =
     "is required: name the camera.yaml that penumbra calibrate writes for this camera";
+// Rejects a name that other programs take for a camera file of a format that is not written.
+void check_camera_output(const std::string& option, const std::filesystem::path& file);
 // Rejects a value of --camera that is not a camera.
 void check_camera_source(const std::string& source);
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);

@@ -16,10 +16,10 @@ std::unique_ptr<CLI::App> make_program(ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra demo");
   for (const auto add :
-       {add_demo_command, add_replay_command, add_live_command, add_devices_command,
-        add_evaluate_command, add_shadow_command, add_target_command, add_calibrate_command,
-        add_map_command, add_kernels_command, add_import_command, add_simulate_command,
-        add_study_command}) {
+       {add_demo_command, add_replay_command, add_live_command, add_setup_command,
+        add_devices_command, add_evaluate_command, add_shadow_command, add_target_command,
+        add_calibrate_command, add_map_command, add_kernels_command, add_import_command,
+        add_simulate_command, add_study_command}) {
     add(*program, chosen);
   }
   return program;

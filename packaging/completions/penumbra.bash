@@ -12,6 +12,7 @@ _penumbra() {
     demo) options='--help --version --log-level --output --object --shadow --kernels --light-mode --proxy --translucency --layers --show-rays --hide-walls --no-window' ;;
     replay) options='--help --version --log-level --scene --object --tags --calibration --camera-name --shadow --kernels --light-mode --proxy --translucency --layers --show-rays --hide-walls --compare --tracking --pose-budget --no-background-search --refine-map --refine-camera --smooth --poses-from --output --poses --poses-all --group-poses --frame-log --report --save-scene --frames --realtime --no-edits --threads --rectified --msaa --pixel-buffers --no-video-light --no-skip --max-gap --time-offset --no-window --no-hud --fullscreen' ;;
     live) options='--help --version --log-level --camera --calibration --camera-name --size --scale-calibration --fov --fps --format --exposure --gain --white-balance --focus --no-dma-buf --record --duration --scene --object --tags --shadow --kernels --light-mode --proxy --translucency --layers --show-rays --hide-walls --tracking --pose-budget --no-background-search --refine-map --refine-camera --smooth --output --poses --poses-all --group-poses --frame-log --report --save-scene --threads --rectified --msaa --pixel-buffers --no-video-light --no-skip --no-window --no-hud --fullscreen --no-vsync --kiosk --reset-after --config' ;;
+    setup) options='--help --version --log-level --camera --page --measured --size --fps --no-window --config' ;;
     devices) options='--help --version --log-level' ;;
     evaluate) options='--help --version --log-level --estimated --groundtruth --split-half --camera --camera-name --tags --json --plot --per-frame --estimated-groups --groundtruth-groups --tracking --pose-budget --no-background-search --max-gap --time-offset' ;;
     shadow) options='--help --version --log-level --light-height --light-ratio --umbra-height --workspace-height --magnification --kernels --light-mode --group --pose --plane --technique --light --proxy --up --unit --animation --time --show-kernels --output' ;;
@@ -54,7 +55,7 @@ _penumbra() {
   elif [[ $current == -* ]]; then
     mapfile -t COMPREPLY < <(compgen -W "$options" -- "$current")
   elif [[ -z $command ]]; then
-    mapfile -t COMPREPLY < <(compgen -W 'demo replay live devices evaluate shadow target calibrate map kernels import simulate study' -- "$current")
+    mapfile -t COMPREPLY < <(compgen -W 'demo replay live setup devices evaluate shadow target calibrate map kernels import simulate study' -- "$current")
   fi
 }
 complete -o default -F _penumbra penumbra

@@ -539,6 +539,61 @@ TEST_F(CalibrateFromCamera, BeginsByKeyOfLiveAndGoesOn) {
               testing::ContainsRegex("tracked [1-9][0-9]*, uncertain "));
 }
 
+// A run from existing tags to a checked camera, and a second one that goes on with its files.
+TEST_F(CalibrateFromCamera, SetsUpTableInOneRun) {
+  write_listing(13, 2);
+  const auto table = folder() / "table";
+  std::filesystem::create_directory(table);
+  std::filesystem::copy_file(shared("recordings/calibration/tags.yaml"), table / "tags.yaml");
+  const auto config = folder() / "config" / "config.yaml";
+  const auto set_up = [&] {
+    return test::run_program(test::program(),
+                             {"setup", table.string(), "--camera",
+                              "recording:" + played_folder().string(), "--config", config.string()},
+                             {}, folder());
+  };
+  const auto first = set_up();
+  ASSERT_EQ(first.exit_code, 0) << first.err << first.out;
+  EXPECT_THAT(first.out, HasSubstr("tags.yaml: used as it is"));
+  EXPECT_THAT(first.out, testing::ContainsRegex("tracked in [1-9][0-9]* of"));
+  EXPECT_THAT(first.out, HasSubstr("config.yaml: written. Start with: penumbra live --config"));
+  const auto truth = load_camera(shared("recordings/calibration/camera.yaml"));
+  const auto camera = load_camera(table / "camera.yaml");
+  ASSERT_TRUE(truth && camera);
+  EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
+  EXPECT_TRUE(std::filesystem::exists(table / "calibration.html"));
+  const auto live = test::run_program(
+      test::program(), {"live", "--config", config.string(), "--duration", "1", "--no-window"}, {},
+      folder());
+  EXPECT_EQ(live.exit_code, 0) << live.err;
+  EXPECT_THAT(live.out, HasSubstr("config.yaml (camera, calibration, tags)"));
+
+  const std::string written = test::read_bytes(table / "camera.yaml");
+  const auto second = set_up();
+  ASSERT_EQ(second.exit_code, 0) << second.err;
+  EXPECT_THAT(second.out, HasSubstr("camera.yaml exists. Calibrate again?"));
+  EXPECT_EQ(test::read_bytes(table / "camera.yaml"), written);
+  EXPECT_THAT(second.out, HasSubstr("has these options already"));
+}
+
+// The sheet is printed before the lens is known, and stays if the calibration fails.
+TEST_F(CalibrateFromCamera, PrintsSheetWithMeasuredRulerAtSetup) {
+  write_listing(4, 1);
+  const auto table = folder() / "table";
+  const auto result = test::run_program(
+      "/bin/bash",
+      {"-c", "printf 'long\\n10\\n99\\n' | \"$@\"", "bash", test::program().string(), "setup",
+       table.string(), "--camera", "recording:" + played_folder().string(), "--config",
+       (folder() / "config.yaml").string(), "--page", "letter"},
+      {}, folder());
+  EXPECT_EQ(result.exit_code, 1) << result.out;
+  EXPECT_THAT(result.out, HasSubstr("10: give a number from 50 to 200"));
+  EXPECT_THAT(result.out, HasSubstr("tags of 39.60 mm"));
+  EXPECT_TRUE(test::read_bytes(table / "sheet.pdf").starts_with("%PDF"));
+  EXPECT_THAT(test::read_bytes(table / "tags.yaml"), HasSubstr("size_m: 0.0396"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "config.yaml"));
+}
+
 // If the display is lost, the program calibrates from the views it has kept so far.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
