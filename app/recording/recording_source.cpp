@@ -53,11 +53,12 @@ class Decoder {
   [[nodiscard]] Result<std::optional<TimedFrame>> timed(Frame frame, const RecordedFrame& listed,
                                                         const Stopwatch& watch) const {
     if (size_ && ImageSize{frame.width, frame.height} != *size_) {
-      return fail(
-          "{}: is of {}x{} px, but {} is {}x{} px; give this recording its own camera file, or "
-          "calibrate at its image size (penumbra calibrate)",
-          recording_.camera_file.string(), size_->width, size_->height, place(listed), frame.width,
-          frame.height);
+      const bool is_turned = frame.width == size_->height && frame.height == size_->width;
+      return fail("{}: is of {}x{} px, but {} is {}x{} px; {}", recording_.camera_file.string(),
+                  size_->width, size_->height, place(listed), frame.width, frame.height,
+                  is_turned ? "hold the camera as in the calibration, or calibrate with it held so"
+                            : "give this recording its own camera file, or calibrate at its image "
+                              "size (penumbra calibrate)");
     }
     frame.sequence = static_cast<std::uint64_t>(listed.number);
     frame.timestamp_ns = listed.timestamp_ns;
