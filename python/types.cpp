@@ -34,9 +34,10 @@ std::size_t coefficient_count(types::DistortionModel model) {
       return 8;
     case types::DistortionModel::fisheye:
       return 4;
-    default:
-      return 5;
+    case types::DistortionModel::plumb_bob:
+      break;
   }
+  return 5;
 }
 
 types::CameraModel make_camera(int width, int height, double fx, double fy, double cx, double cy,
