@@ -41,7 +41,9 @@ Result<void> CameraWait::show(const std::string& error) {
     const GlContext::Size size = window_.window_size();
     constexpr std::array<std::uint8_t, 4> kBlack = {0, 0, 0, 255};
     black_->present(kBlack, size);
-    overlay_.draw_text("waiting for the camera\n" + error, true, size);
+    overlay_.draw_text(
+        "waiting for the camera\n" + error + (lock_.locked() ? "" : "\nunlocked: Q or Esc quits"),
+        true, size);
     window_.swap();
     const bool open = window_.poll_events();
     if (window_.display_lost()) return fail("the connection to the display was lost");

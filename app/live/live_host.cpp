@@ -80,6 +80,12 @@ void LiveHost::describe(HudState& state, bool debug) const {
 
 std::string LiveHost::calibrate() {
   if (!has_begun_) return "the camera has given no image yet";
+  constexpr double kSecondPress_ms = 4000.0;
+  const bool again = since_asked_ && since_asked_->elapsed().wall_ms < kSecondPress_ms;
+  if (!request_.camera.fov_deg && !again) {
+    since_asked_.emplace();
+    return "V again ends this session and calibrates the camera";
+  }
   calibrates_ = true;
   return {};
 }

@@ -28,7 +28,7 @@ class LiveHost final : public SessionHost {
            const LiveRequest& request);
 
   [[nodiscard]] std::string toggle_recording() override;
-  // Ends the session.
+  // Ends the session; a calibrated one only if it is called again within some seconds.
   [[nodiscard]] std::string calibrate() override;
   [[nodiscard]] bool calibrates() const { return calibrates_; }
   void describe(HudState& state, bool debug) const override;
@@ -51,6 +51,7 @@ class LiveHost final : public SessionHost {
   Stopwatch watch_;  // since the first image; before it, since the start
   bool has_begun_ = false;
   bool calibrates_ = false;
+  std::optional<Stopwatch> since_asked_;  // since calibrate() asked for a second call
   std::optional<double> stall_s_;
   std::uint64_t damaged_ = 0;  // number of damaged frames before the latest complete one
 };

@@ -198,11 +198,6 @@ std::vector<std::string> warnings_of(const HudState& state) {
 
 namespace {
 
-const char* effect_of(DragMode mode) {
-  static_assert(kDragCommands.size() == static_cast<std::size_t>(DragMode::turn) + 1);
-  return kDragCommands[static_cast<std::size_t>(mode)].effect;
-}
-
 // Returns what the user should do about the pose; empty if nothing.
 std::string advice_on(const PoseEstimate& pose) {
   switch (pose.status) {
@@ -224,9 +219,9 @@ std::string next_step(const HudState& state) {
   if (state.paused) return "space: go on";
   if (!state.calibrated) return "V: calibrate the camera";
   if (std::string advice = advice_on(state.pose); !advice.empty()) return advice;
-  return state.selected.empty()
-             ? "drag an object to move it"
-             : fmt::format("dragging {} {}: U undoes", state.selected, effect_of(state.drag));
+  return state.selected.empty() ? "drag an object to move it"
+                                : fmt::format("dragging {} {}: U undoes", state.selected,
+                                              command_of(state.drag).effect);
 }
 
 }  // namespace
@@ -238,7 +233,10 @@ StatusLine status_line_of(const HudState& state) {
   if (state.has_image && !state.calibrated && state.pose.status == TrackStatus::uncertain)
     line.state.text = "not calibrated";
   if (state.paused) line.state.text += ", paused";
-  if (state.has_image) line.rate = fmt::format("{:.0f} frames/s", state.frames_per_s);
+  if (state.has_image) {
+    const std::string rate = fmt::format("{:.0f}", state.frames_per_s);
+    line.rate = rate + (rate == "1" ? " frame/s" : " frames/s");
+  }
   if (state.recording && !state.recording->error)
     line.recording = fmt::format("REC {}", state.recording->written);
   line.next = next_step(state);
@@ -256,7 +254,7 @@ std::vector<MenuEntry> menu_of(const HudState& state) {
   std::vector<MenuEntry> entries = {
       {"Shadow: " + technique_text(state.nodes), "Shadow: layered", "N",
        WindowCommand::next_technique},
-      {"Drag: " + std::string(effect_of(state.drag)), "Drag: up and sideways", "X Z Y T",
+      {"Drag: " + std::string(command_of(state.drag).effect), "Drag: up and sideways", "X Z Y T",
        next_drag},
       {state.paused ? "Go on" : "Pause", "Pause", "space", WindowCommand::pause},
       {"Next frame", "Next frame", ".", WindowCommand::step},
@@ -264,8 +262,11 @@ std::vector<MenuEntry> menu_of(const HudState& state) {
   if (state.live) {
     entries.push_back({state.recording ? "Stop recording" : "Record", "Stop recording", "R",
                        WindowCommand::record});
+    entries.push_back({"Calibrate", "Calibrate", "V", WindowCommand::calibrate});
   }
   const MenuEntry rest[] = {{"Undo", "Undo", "U", WindowCommand::undo},
+                            {"Reset", "Reset", "O", WindowCommand::reset},
+                            {"Save scene", "Save scene", "W", WindowCommand::save_scene},
                             {"Settings", "Settings", "P", WindowCommand::panels},
                             {"Details", "Details", "I", WindowCommand::details},
                             {"Debug", "Debug", "D", WindowCommand::debug},

@@ -64,6 +64,11 @@ inline constexpr std::array<DragCommand, 4> kDragCommands = {
      {"reach", "up and away", WindowCommand::reach},
      {"turn", "to turn it", WindowCommand::turn}}};
 
+[[nodiscard]] inline const DragCommand& command_of(DragMode mode) {
+  static_assert(kDragCommands.size() == static_cast<std::size_t>(DragMode::turn) + 1);
+  return kDragCommands[static_cast<std::size_t>(mode)];
+}
+
 struct KeyHelp {
   std::string_view keys;
   std::string_view what;

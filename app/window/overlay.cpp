@@ -79,11 +79,6 @@ std::string stage_times(const HudState& state) {
   return times.empty() ? times : times + " ms";
 }
 
-const char* name_of(DragMode mode) {
-  static_assert(kDragCommands.size() == static_cast<std::size_t>(DragMode::turn) + 1);
-  return kDragCommands[static_cast<std::size_t>(mode)].name;
-}
-
 #if IMGUI_VERSION_NUM >= 18700  // Debian 13
 constexpr auto kKeypadEnter = ImGuiKey_KeypadEnter;
 #else
@@ -177,12 +172,25 @@ struct Overlay::Impl {
     windows.clear();
     panels_left = width;
     ImGui::NewFrame();
+    for (const int code : released) io.KeysDown[code] = false;
+    released.clear();
     ImGui::PushFont(font);
   }
   void end_drawing(GlContext::Size size) {
     ImGui::PopFont();
     ImGui::Render();
     renderer->draw(*ImGui::GetDrawData(), size);
+  }
+
+  void set_key(int code, bool is_down) {
+    ImGuiIO& io = ImGui::GetIO();
+    if (code < 0 || code >= IM_ARRAYSIZE(io.KeysDown)) return;
+    if (is_down) {
+      io.KeysDown[code] = true;
+      std::erase(released, code);
+    } else {
+      released.push_back(code);
+    }
   }
 
   void begin_window(const char* name, ImVec2 at, ImVec2 pivot, ImGuiWindowFlags flags) {
@@ -217,28 +225,30 @@ struct Overlay::Impl {
     ImGui::PushStyleVar(
         ImGuiStyleVar_FramePadding,
         compact ? ImVec2(0.7F * em, 0.5F * (touch_height() - em)) : ImVec2(0.5F * em, 0.35F * em));
-    begin_window("line", {gap, gap}, {0.0F, 0.0F}, kFitted);
+    const StatusLine line = status_line_of(state);
+    std::vector<std::pair<HudColor, std::string>> parts = {{line.state.color, line.state.text}};
+    if (!line.rate.empty()) parts.emplace_back(kHudWhite, line.rate);
+    if (!line.recording.empty()) parts.emplace_back(kHudWarning, line.recording);
+    parts.emplace_back(line.warns ? kHudWarning : kHudQuiet, line.next);
+    const float space = 0.8F * em;
+    const ImGuiStyle& style = ImGui::GetStyle();
+    const auto total = [&] {
+      float sum = ImGui::CalcTextSize("Menu").x + 2.0F * style.FramePadding.x + space;
+      for (const auto& [color, words] : parts) sum += ImGui::CalcTextSize(words.c_str()).x + space;
+      return sum;
+    };
+    const float max_width = width - 2.0F * gap;
+    // A narrow window has room for the advice, or the fault, in place of the rate.
+    if (total() > max_width && !line.rate.empty()) parts.erase(parts.begin() + 1);
+    // Sized here: a window that fits itself to its text cuts a longer one for a frame.
+    ImGui::SetNextWindowSize({std::min(total(), max_width), em + 2.0F * style.FramePadding.y});
+    begin_window("line", {gap, gap}, {0.0F, 0.0F}, kPlain);
     button("Menu", WindowCommand::menu, actions);
-    const auto add = [&](const HudColor& color, std::string words) {
-      ImGui::SameLine(0.0F, 0.8F * em);
-      const float left = width - gap - 0.5F * em - ImGui::GetCursorScreenPos().x;
+    for (auto& [color, words] : parts) {
+      ImGui::SameLine(0.0F, space);
+      const float left = gap + max_width - 0.3F * em - ImGui::GetCursorScreenPos().x;
       ImGui::AlignTextToFramePadding();
       hud_text(color, that_fits(std::move(words), left));
-    };
-    const StatusLine line = status_line_of(state);
-    const auto width_of = [this](const std::string& words) {
-      return ImGui::CalcTextSize(words.c_str()).x + 0.8F * em;
-    };
-    add(line.state.color, line.state.text);
-    // A narrow window has room for the advice, or the fault, in place of the rate.
-    const float others = width_of(line.rate) + width_of(line.recording) + width_of(line.next);
-    if (!line.rate.empty() && ImGui::GetItemRectMax().x + others + em < width)
-      add(kHudWhite, line.rate);
-    if (!line.recording.empty()) add(kHudWarning, line.recording);
-    add(line.warns ? kHudWarning : kHudQuiet, line.next);
-    if (compact) {
-      ImGui::SameLine(0.0F, 0.8F * em);
-      ImGui::Dummy({0.0F, 0.0F});
     }
     line_bottom = status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     end_window();
@@ -290,7 +300,7 @@ struct Overlay::Impl {
     }
     if (!state.selected.empty()) {
       hud_text(kHudQuiet,
-               fmt::format("selected: {}   drag: {}", state.selected, name_of(state.drag)));
+               fmt::format("selected: {}   drag: {}", state.selected, command_of(state.drag).name));
     }
   }
 
@@ -354,9 +364,9 @@ struct Overlay::Impl {
     const bool slides = state.drag == DragMode::slide;
     ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(0.2F * em, 0.2F * em));
     begin_window("kiosk", {width, height}, {1.0F, 1.0F}, kFitted);
-    button(slides ? "Drag: along the table###drag" : "Drag: up and sideways###drag",
+    button(slides ? "Drag objects: along the table###drag" : "Drag objects: up and sideways###drag",
            slides ? WindowCommand::lift : WindowCommand::slide, actions,
-           {14.0F * em, kTouchHeight * em / kFontSizes[0]});
+           {17.0F * em, kTouchHeight * em / kFontSizes[0]});
     end_window();
     ImGui::PopStyleVar();
   }
@@ -402,7 +412,7 @@ struct Overlay::Impl {
   void debug(const HudState& state, const HudPanels& open) {
     const float max_width = (open.compact ? 1.0F : 0.5F) * width - em;
     ImGui::SetNextWindowSizeConstraints({14.0F * em, 0.0F},
-                                        {max_width, height - status_bottom - 4.0F * em});
+                                        {max_width, height - status_bottom - buttons_height - em});
     begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F}, kScrolled);
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(max_width - em);
@@ -431,7 +441,7 @@ struct Overlay::Impl {
     const bool narrow = compact && width < kHelpWidth * em;
     ImGui::SetNextWindowSizeConstraints({narrow ? width - em : 0.0F, 0.0F},
                                         {width - em, height - em});
-    ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.94F));
+    ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.98F));
     ImGui::SetNextWindowFocus();
     begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F}, kScrolledFocused);
     float column = 0.0F;
@@ -473,9 +483,13 @@ struct Overlay::Impl {
     const float above = buttons_height + em;
     // Beside the panels if there is room.
     const float room = panels_left > 12.0F * em ? panels_left : width;
+    const float wrap = room - 2.4F * em;
+    const ImVec2 text = ImGui::CalcTextSize(state.message.c_str(), nullptr, false, wrap);
+    const ImVec2 padding = ImGui::GetStyle().WindowPadding;
+    ImGui::SetNextWindowSize({text.x + 2.0F * padding.x + 1.0F, text.y + 2.0F * padding.y});
     begin_window("message", {0.5F * room, height - above}, {0.5F, 1.0F},
-                 kFitted | ImGuiWindowFlags_NoInputs);
-    ImGui::PushTextWrapPos(room - 1.2F * em);
+                 kPlain | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(padding.x + wrap);
     hud_text(state.message);
     ImGui::PopTextWrapPos();
     ImGui::End();
@@ -501,8 +515,10 @@ struct Overlay::Impl {
   float em = 15.0F;                   // font height [px]
   float width = 0.0F, height = 0.0F;  // size of the window [px]
   std::optional<OverlayRenderer> renderer;
-  // `pressed` keeps a press that was released before the next drawing.
+  // `pressed` and `released` keep presses that end before the next drawing: of buttons, and of keys
+  // by their codes.
   std::array<bool, 3> pressed{}, down{};
+  std::vector<int> released;
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
   float line_bottom = 0.0F;                   // of the status line [px]
   float status_bottom = 0.0F;                 // of the line or the details [px]
@@ -539,12 +555,12 @@ void Overlay::handle(const WindowEvent& event) {
       break;
     case Kind::key_down:
     case Kind::key_up:
-      if (event.code >= 0 && event.code < IM_ARRAYSIZE(io.KeysDown)) {
-        io.KeysDown[event.code] = event.kind == Kind::key_down;
-      }
+      impl_->set_key(event.code, event.kind == Kind::key_down);
       // Enter presses the button that has the keyboard focus, as the space bar does.
-      if (event.code == GLFW_KEY_ENTER && !io.WantTextInput)
-        io.KeysDown[GLFW_KEY_SPACE] = event.kind == Kind::key_down;
+      if (event.code == GLFW_KEY_ENTER || event.code == GLFW_KEY_KP_ENTER) {
+        const bool presses = event.kind == Kind::key_down && !io.WantTextInput;
+        if (presses || event.kind == Kind::key_up) impl_->set_key(GLFW_KEY_SPACE, presses);
+      }
       io.KeyCtrl = event.control;
       io.KeyShift = event.shift;
       io.KeyAlt = event.alt;
@@ -574,9 +590,12 @@ bool Overlay::covers(double x, double y) const {
 bool Overlay::takes_key(int code) const {
   ImGui::SetCurrentContext(impl_->imgui);
   const ImGuiIO& io = ImGui::GetIO();
-  constexpr std::array kFocusKeys = {GLFW_KEY_UP,       GLFW_KEY_DOWN,  GLFW_KEY_LEFT,
-                                     GLFW_KEY_RIGHT,    GLFW_KEY_SPACE, GLFW_KEY_ENTER,
-                                     GLFW_KEY_KP_ENTER, GLFW_KEY_ESCAPE};
+  constexpr std::array kFocusKeys = {GLFW_KEY_UP,      GLFW_KEY_DOWN,  GLFW_KEY_LEFT,
+                                     GLFW_KEY_RIGHT,   GLFW_KEY_SPACE, GLFW_KEY_ENTER,
+                                     GLFW_KEY_KP_ENTER};
+  if (code == GLFW_KEY_ESCAPE) {
+    return io.WantTextInput || ImGui::IsPopupOpen("", ImGuiPopupFlags_AnyPopup);  // closes the list
+  }
   return io.WantTextInput ||
          (io.NavVisible && std::ranges::find(kFocusKeys, code) != kFocusKeys.end());
 }
@@ -605,8 +624,12 @@ void Overlay::draw_kiosk(const HudState& state, GlContext::Size size, HudActions
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, true);
   impl_->buttons_height = 0.0F;
-  const std::vector<std::string> warnings = warnings_of(state);
-  if (!warnings.empty()) impl_->text_window("warnings", false, warnings, kHudWarning);
+  std::vector<std::string> lines = warnings_of(state);
+  const bool warns = !lines.empty();
+  // A visitor who sees no objects learns how to get them back.
+  if (!warns && state.has_image && state.pose.status == TrackStatus::lost)
+    lines.emplace_back("point the camera at the sheet of tags");
+  if (!lines.empty()) impl_->text_window("warnings", false, lines, warns ? kHudWarning : kHudWhite);
   if (state.has_image) impl_->kiosk_button(state, actions);
   impl_->message(state);
   impl_->end_drawing(size);

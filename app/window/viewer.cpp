@@ -68,18 +68,22 @@ void Viewer::keep_kiosk() {
     closed_ = false;
   }
   context_.show_pointer(kiosk_->shows_pointer(now_ms));
-  if (kiosk_->take_reset(now_ms)) reset_view();
+  if (kiosk_->take_reset(now_ms)) {
+    lock_view();
+    host_.start_again();
+    edited_ = true;
+  }
 }
 
-void Viewer::reset_view() {
+void Viewer::lock_view() {
   manipulator_.release_object();
   drag_button_ = -1;
   drag_ = DragMode::slide;
   panels_ = {};
-  paused_ = cursor_ = false;
+  compact_.reset();
   node_.reset();
-  host_.start_again();
-  edited_ = true;
+  hud_ = paused_ = cursor_ = false;
+  context_.fill_screen();
 }
 
 void Viewer::draw_hud() {
@@ -120,9 +124,8 @@ void Viewer::take(const WindowEvent& event) {
     const bool admitted = kiosk_->admits(event, clock_.elapsed().wall_ms);
     if (locked() != was_locked) {
       show_message(locked() ? "locked" : fmt::format("unlocked; {} locks again", kUnlockKeys));
-      panels_ = {};
+      if (locked()) lock_view();
       hud_ = !locked();
-      paused_ = false;
     }
     if (!admitted) return;
   }
@@ -304,7 +307,8 @@ void Viewer::act(WindowCommand command) {
       compact_ = !compact_.value_or(is_small(context_.window_size()));
       break;
     case WindowCommand::calibrate:
-      show_message(host_.calibrate());
+      show_message(kiosk_ ? "calibrate without --kiosk, or with penumbra setup"
+                          : host_.calibrate());
       break;
     case WindowCommand::smooth:
       show_message(host_.toggle_smoothing());

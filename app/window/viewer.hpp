@@ -89,7 +89,7 @@ class Viewer {
   [[nodiscard]] bool takes_clicks() const { return hud_ || locked(); }
   [[nodiscard]] bool locked() const { return kiosk_ && kiosk_->locked(); }
   void keep_kiosk();  // resets a kiosk that is left alone, and keeps its window open
-  void reset_view();  // back to the start of the session, panels closed
+  void lock_view();   // panels closed, the view and the drags as at the start
   void take(const WindowEvent& event);
   void handle_key(const WindowEvent& event);
   void handle_button(const WindowEvent& event);

@@ -79,6 +79,7 @@ class GlContext {
   // poll_events() calls the handler.
   virtual void on_event(std::function<void(const WindowEvent&)> /*handler*/) {}
   virtual void toggle_full_screen() {}
+  virtual void fill_screen() {}  // enters full screen, if the window is not in it
   // Ignores that the user closed the window: poll_events() returns true again.
   virtual void keep_open() {}
   virtual void show_pointer(bool /*shown*/) {}
@@ -90,7 +91,7 @@ class GlContext {
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_offscreen_context(GlApi api = GlApi::gl33);
 
 struct WindowOptions {
-  int width = 640, height = 480;  // [px]
+  int width = 640, height = 480;  // [px]; scaled down to the screen if it is smaller
   std::string title = "penumbra";
   GlApi api = GlApi::gl33;
   bool vsync = true;

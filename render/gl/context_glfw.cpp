@@ -3,6 +3,7 @@
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "render/gl/context.hpp"
@@ -88,6 +89,9 @@ class GlfwContext final : public GlContext {
     if (x11_connection_lost()) return;
     glfwSetInputMode(window_, GLFW_CURSOR, shown ? GLFW_CURSOR_NORMAL : GLFW_CURSOR_HIDDEN);
   }
+  void fill_screen() override {
+    if (!x11_connection_lost() && glfwGetWindowMonitor(window_) == nullptr) toggle_full_screen();
+  }
   void toggle_full_screen() override {
     if (x11_connection_lost()) return;
     if (glfwGetWindowMonitor(window_) != nullptr) {
@@ -144,6 +148,17 @@ class GlfwContext final : public GlContext {
   int at_x_ = 0, at_y_ = 0, at_width_ = 640, at_height_ = 480;
 };
 
+// Returns the factor, at most 1, with which the window fits the screen without panels.
+double scale_to_screen(const WindowOptions& options) {
+  GLFWmonitor* monitor = glfwGetPrimaryMonitor();
+  if (monitor == nullptr) return 1.0;
+  int x = 0, y = 0, width = 0, height = 0;
+  glfwGetMonitorWorkarea(monitor, &x, &y, &width, &height);
+  if (width <= 0 || height <= 0) return 1.0;
+  return std::min({1.0, static_cast<double>(width) / options.width,
+                   static_cast<double>(height) / options.height});
+}
+
 }  // namespace
 
 bool display_available() {
@@ -181,9 +196,12 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   glfwWindowHint(GLFW_STENCIL_BITS, 0);
   // A full-screen window stays when another window takes the focus.
   glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);
+  const double fit = scale_to_screen(options);
   const auto create = [&](int robustness) {
     glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
-    return glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
+    return glfwCreateWindow(std::max(1, static_cast<int>(fit * options.width)),
+                            std::max(1, static_cast<int>(fit * options.height)),
+                            options.title.c_str(), nullptr, nullptr);
   };
   // Enables reports of driver resets, if the driver supports them.
   GLFWwindow* window = create(GLFW_LOSE_CONTEXT_ON_RESET);

@@ -86,6 +86,39 @@ TEST_F(History, RevertsMovesInReverseOrder) {
   EXPECT_EQ(history.undo(*session), "nothing to undo");
 }
 
+TEST_F(History, StartsAgainWithoutUndo) {
+  ASSERT_TRUE(session->edit(toy()));
+  history.note_added("toy");
+  move("object1", 0.3);
+  history.start_again(*session);
+  EXPECT_EQ(object(0).placement.position.x(), -0.1);
+  EXPECT_TRUE(object(1).removed);
+  EXPECT_EQ(history.undo(*session), "nothing to undo");
+}
+
+TEST_F(History, KeepsThousandChanges) {
+  for (int i = 1; i <= 1002; ++i) move("object1", 0.001 * i);
+  int undone = 0;
+  while (history.undo(*session) != "nothing to undo") ++undone;
+  EXPECT_EQ(undone, 1000);
+  EXPECT_NEAR(object(0).placement.position.x(), 0.002, 1e-12) << "the oldest changes are forgotten";
+}
+
+// The host of a kiosk puts shadows and the view back, too.
+TEST_F(History, HostStartsAgainWithFirstStylesAndView) {
+  step();
+  RunRecorder recorder({camera});
+  SessionHost host(*session, recorder);
+  HudNode node = host.nodes().front();
+  const ShadowTechnique first = node.style.technique;
+  node.style.technique = ShadowTechnique::hard;
+  ASSERT_TRUE(session->edit(ShadowStyled{node.name, node.style}));
+  host.set_translucency(Translucency::mesh);
+  host.start_again();
+  EXPECT_EQ(host.nodes().front().style.technique, first);
+  EXPECT_EQ(host.translucency(), Translucency::automatic);
+}
+
 // A click grabs and releases an object without moving it.
 TEST_F(History, IgnoresClicksThatMoveNothing) {
   move("object1", 0.2);

@@ -17,6 +17,7 @@ namespace {
 constexpr int kEscape = 256;  // GLFW's key codes
 constexpr int kSpace = 32;
 constexpr int kPeriod = 46;
+constexpr int kF11 = 300;
 constexpr int kQ = 81;
 constexpr int kX = 88;
 
@@ -55,6 +56,7 @@ class ScriptedWindow final : public GlContext {
     handler_ = std::move(handler);
   }
   void toggle_full_screen() override { full_screen = !full_screen; }
+  void fill_screen() override { full_screen = true; }
   void keep_open() override { open = true; }
   void show_pointer(bool shown) override { pointer_shown = shown; }
 
@@ -542,13 +544,16 @@ TEST_F(ViewerWithHud, IgnoresKeysFilesAndClosingInLockedKiosk) {
 }
 
 TEST_F(ViewerWithHud, OpensKioskByItsKeys) {
-  ScriptedWindow window(std::deque<WindowEvent>{unlocking_keys(), key('S'), unlocking_keys(),
-                                                key('S'), key(kQ), unlocking_keys(), key(kQ)});
+  ScriptedWindow window(std::deque<WindowEvent>{unlocking_keys(), key('S'), key(kF11),
+                                                unlocking_keys(), key('S'), key(kQ),
+                                                unlocking_keys(), key(kQ)});
   window.size = {640, 480};
+  window.full_screen = true;
   Viewer viewer(window, host, Overlay::create(*gl).value(), kiosk_options());
-  for (int i = 0; i < 6; ++i) EXPECT_TRUE(viewer.show(interrupt)) << i;
+  for (int i = 0; i < 7; ++i) EXPECT_TRUE(viewer.show(interrupt)) << i;
   EXPECT_EQ(host.screenshots, 1);
   EXPECT_GT(host.hud_drawings, 0);
+  EXPECT_TRUE(window.full_screen) << "F11 left full screen, and locking fills the screen again";
   EXPECT_FALSE(viewer.show(interrupt)) << "unlocked, Q quits";
 }
 
