@@ -51,16 +51,7 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
       if (word == "--") break;  // the words after it are not options
       if (!word.starts_with('-')) continue;
       const std::string name = word.substr(0, word.find('='));
-      constexpr std::size_t kMaxTypos = 2;
-      std::size_t min_typos = kMaxTypos + 1;
-      std::string meant;
-      for (const CLI::Option* option : reader->get_options()) {
-        if (!option->nonpositional() || option->get_name().empty()) continue;
-        const std::size_t typos = edit_distance(name, option->get_name());
-        if (typos >= min_typos) continue;
-        min_typos = typos;
-        meant = option->get_name();
-      }
+      const std::string meant = similar_option(*reader, name);
       return fmt::format("{}: no such option{}", name,
                          meant.empty() ? "" : fmt::format("; did you mean {}?", meant));
     }
@@ -125,7 +116,11 @@ ExitCode run(int argc, char** argv) {
                               error.what()));
       return ExitCode::failure;
     }
-    return wrong_usage(program, wrong ? *wrong : error.what());
+    std::string what = wrong ? *wrong : error.what();
+    // "--calibration is required" needs the hint that the file's calibration was not used.
+    if (*configuration && !(*configuration)->unused.empty())
+      what += "; " + configuration_line(**configuration);
+    return wrong_usage(program, what);
   }
   if (const auto wrong = empty_option(program)) return wrong_usage(program, *wrong);
   if (*configuration) fmt::print("{}\n", configuration_line(**configuration));

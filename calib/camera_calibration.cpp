@@ -125,7 +125,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma,
   image.width = luma.width;
   image.height = luma.height;
   image.view = detector_->detect(luma);
-  if (census_) census_->add(image.view, luma);
+  if (census_) census_->add(image.view.tags, luma);
   if (timestamp_ns) motion_->add(*timestamp_ns, image.view.corners);
   ++candidates_;
   if (!image.view.corners.empty()) ++images_with_target_;
@@ -439,7 +439,8 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   auto result = solve(on_step);
   const auto differences = census_ ? census_->differences() : std::vector<std::string>();
   if (result || differences.empty() || stop_.stop_requested()) return result;
-  return fail("{}; {}", result.error().message, fmt::join(differences, "; "));
+  const std::string& cause = result.error().message;
+  return fail("{}{} {}", cause, cause.ends_with('?') ? "" : ";", fmt::join(differences, "; "));
 }
 
 Result<CameraCalibration> CameraCalibrator::solve(const StepCallback& on_step) {

@@ -90,12 +90,14 @@ class ImageChecker {
   };
 
   ImageChecker(ImageFeed image_feed, const CaptureOptions& options, CameraCalibrator& calibrator,
-               ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
+               ViewGuide guide, std::optional<ImageCheck> check, std::optional<TagCensus> census,
+               std::stop_source stop, bool bars)
       : image_feed_(std::move(image_feed)),
         calibrator_(calibrator),
         options_(options),
         guide_(std::move(guide)),
         check_(std::move(check)),
+        census_(std::move(census)),
         stop_(std::move(stop)),
         bars_(bars),
         thread_([this] { run(); }) {}
@@ -120,6 +122,7 @@ class ImageChecker {
     capture.end = guide_.progress().enough ? CaptureEnd::enough : end;
     capture.images = images_checked_;
     capture.views = guide_.progress().views;
+    if (census_) capture.target_differences = census_->differences();
     int max_times = 0;
     for (const auto& [why, times] : reasons_) {
       if (times > max_times) capture.rejection_reason = why;
@@ -160,6 +163,7 @@ class ImageChecker {
     }
     GuideResult look = guide_.look(image.luma);
     if (check_ && !look.corners.empty()) check_.reset();
+    note_tags(image.luma, look);
     if (image.timestamp_ns) calibrator_.add_motion(*image.timestamp_ns, look.corners);
     if (check_) {
       if (const auto fault = check_->check_untagged(image.luma)) {
@@ -180,6 +184,15 @@ class ImageChecker {
     checked_images_.put({image.frame, std::move(look), progress});
     // A recording is always read to its end.
     return !options_.guide.held || !progress.enough;
+  }
+
+  // Replaces the reason of an image without the target if it shows another sheet.
+  void note_tags(ImageView image, GuideResult& look) {
+    if (!census_) return;
+    census_->add(look.tags, image);
+    if (look.taken || !look.tags.seen.empty()) return;
+    if (auto differences = census_->differences(); !differences.empty())
+      look.why = std::move(differences.front());
   }
 
   [[nodiscard]] Result<void> add_view(ImageView image, const GuideProgress& progress) {
@@ -208,6 +221,7 @@ class ImageChecker {
   const CaptureOptions& options_;
   ViewGuide guide_;
   std::optional<ImageCheck> check_;  // set until the target is detected for the first time
+  std::optional<TagCensus> census_;  // for targets with tags
   std::stop_source stop_;
   const bool bars_;
   // Only the thread uses the members below until it ends.
@@ -245,14 +259,16 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
   options.guide.stop = stop.get_token();
   PENUMBRA_TRY(auto guide, ViewGuide::create(target, options.guide));
   std::optional<ImageCheck> check;
+  std::optional<TagCensus> census;
   if (target.tags) {
     PENUMBRA_TRY(check, ImageCheck::create(*target.tags));
+    census.emplace(*target.tags);
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more_images;
   ImageChecker checker(
       camera != nullptr ? newest_image_feed(**camera) : all_of(std::get<1>(source)), options,
-      calibrator, std::move(guide), std::move(check), stop, bars);
+      calibrator, std::move(guide), std::move(check), std::move(census), stop, bars);
   for (std::optional<Stopwatch> since_first; !checker.finished();) {
     auto checked = checker.take(kPollInterval);
     if (checked && !since_first) since_first.emplace();

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "app/calibration/guide_window.hpp"
 #include "app/capture/live_source.hpp"
@@ -31,9 +32,10 @@ enum class CaptureEnd { enough, duration, no_more_images, closed, interrupted };
 
 struct Capture {
   CaptureEnd end = CaptureEnd::no_more_images;
-  int images = 0;                // number of images checked
-  int views = 0;                 // number of these accepted as views
-  std::string rejection_reason;  // most frequent reason for rejecting an image
+  int images = 0;                               // number of images checked
+  int views = 0;                                // number of these accepted as views
+  std::string rejection_reason;                 // most frequent reason for rejecting an image
+  std::vector<std::string> target_differences;  // TagCensus::differences() of the images
 };
 
 using CaptureSource = std::variant<LiveSource*, std::filesystem::path>;

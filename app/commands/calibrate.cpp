@@ -73,8 +73,11 @@ void check_model_of_format(const CalibrateOptions& options) {
   for (const DistortionModel other : kDistortionModels) {
     if (model_name(other, format)) possible.push_back(short_name(other));
   }
-  usage_error("--model", "{}: {}'s files have no such lens; name {}", options.model,
-              to_string(format), fmt::join(possible, " or "));
+  usage_error("--model",
+              "{}: {} is written as {}'s file, which has no such lens; name {}, or "
+              "--format ros",
+              options.model, options.output.string(), to_string(format),
+              fmt::join(possible, " or "));
 }
 
 void print_summary(const CameraCalibration& calibration) {
@@ -226,11 +229,16 @@ Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& targe
     const std::string why = captured.rejection_reason.empty()
                                 ? ""
                                 : fmt::format(" (most often: {})", captured.rejection_reason);
+    const std::string counts = fmt::format(
+        "{}: {} of {} image{} {} taken", options.source.string(), captured.views, captured.images,
+        captured.images == 1 ? "" : "s", captured.views == 1 ? "was" : "were");
+    if (captured.views == 0 && !captured.target_differences.empty())
+      return fail("{}; {}", counts, fmt::join(captured.target_differences, "; "));
     return fail(
-        "{}: {} of {} image{} {} taken{}, and a camera needs at least {} views; show the whole "
-        "target, sharp and still, tilted in several directions",
-        options.source.string(), captured.views, captured.images, captured.images == 1 ? "" : "s",
-        captured.views == 1 ? "was" : "were", why, kMinViews);
+        "{}{}, and a camera needs at least {} views; show the whole target, sharp and still, "
+        "tilted "
+        "in several directions",
+        counts, why, kMinViews);
   }
   if (captured.end == CaptureEnd::interrupted) {
     fmt::print("solving from {} views; Ctrl-C again ends it without a camera file\n",
@@ -322,7 +330,10 @@ void print_result(const CalibrateOptions& options, const Target& target,
                                                       100.0 * difference.skipped)
                                         : "");
   }
-  fmt::print("camera: {}\n", options.output.string());
+  const CameraFileFormat format = format_of(options);
+  fmt::print("camera: {}{}\n", options.output.string(),
+             format == CameraFileFormat::ros ? std::string()
+                                             : fmt::format(" ({}'s format)", to_string(format)));
   if (!options.report.empty()) fmt::print("report: {}\n", options.report.string());
   fmt::print("{}\n", calibration.verdict);
   std::fflush(stdout);

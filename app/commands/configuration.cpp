@@ -10,6 +10,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "app/commands/options.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/yaml_fields.hpp"
@@ -35,6 +36,7 @@ constexpr std::array kReplacements = {
     Replacement{"--camera-name", {"--fov"}},
     Replacement{"--scale-calibration", {"--fov"}},
     Replacement{"--no-window", {"--fullscreen", "--kiosk", "--reset-after"}},
+    Replacement{"--kiosk", {"--no-window"}},
 };
 // These choose what is read, so they can't be in the file.
 constexpr std::array<std::string_view, 3> kCommandLineOnly = {"--config", "--help", "--version"};
@@ -63,12 +65,13 @@ std::set<std::string> given_options(const std::vector<std::string>& words) {
   return names;
 }
 
-// Returns the file of --config; nullopt if the option is missing or has no value.
-std::optional<std::filesystem::path> named_file(const std::vector<std::string>& words) {
-  constexpr std::string_view kAssigned = "--config=";
-  for (std::size_t i = 0; i < words.size(); ++i) {
-    if (words[i].starts_with(kAssigned)) return words[i].substr(kAssigned.size());
-    if (words[i] == "--config" && i + 1 < words.size()) return words[i + 1];
+// Returns the value of an option on the command line; nullopt if it is missing or has no value.
+std::optional<std::string> value_of(const std::vector<std::string>& words,
+                                    const std::string& option) {
+  const std::string assigned = option + "=";
+  for (std::size_t i = 0; i < words.size() && words[i] != "--"; ++i) {
+    if (words[i].starts_with(assigned)) return words[i].substr(assigned.size());
+    if (words[i] == option && i + 1 < words.size()) return words[i + 1];
   }
   return std::nullopt;
 }
@@ -78,10 +81,20 @@ std::string variable(const char* name) {
   return value != nullptr ? value : "";
 }
 
-// Replaces a leading "~/", as a shell does on a command line.
+// Replaces a leading "~/", as a shell does on a command line, also of "recording:~/...".
 std::string with_home(const std::string& text) {
+  constexpr std::string_view kRecording = "recording:";
   const std::string home = variable("HOME");
-  return text.starts_with("~/") && !home.empty() ? home + text.substr(1) : text;
+  const std::size_t at = text.starts_with(kRecording) ? kRecording.size() : 0;
+  const bool replaces = text.substr(at).starts_with("~/") && !home.empty();
+  return replaces ? text.substr(0, at) + home + text.substr(at + 1) : text;
+}
+
+// Returns true for a value with an explicit tag, which changes its meaning ("!!binary ...").
+bool has_tag(const YAML::Node& value) {
+  if (value.IsSequence() && std::ranges::any_of(value, has_tag)) return true;
+  const std::string& tag = value.Tag();
+  return !tag.empty() && tag != "?" && tag != "!" && tag != "tag:yaml.org,2002:str";
 }
 
 std::optional<bool> truth(const YAML::Node& value) {
@@ -105,6 +118,7 @@ class OptionReader {
       const std::string name = "--" + key;
       const int line = entry.first.Mark().line + 1;
       PENUMBRA_TRY(const CLI::Option* option, find(key, line));
+      if (has_tag(entry.second)) return wrong(line, key, "has a YAML tag (!...); remove it");
       const auto add = [&](const std::string& words) { options.push_back({name, words, line}); };
       if (option->get_expected_max() == 0) {
         const auto on = truth(entry.second);
@@ -135,22 +149,13 @@ class OptionReader {
       return wrong(line, key, "can only be given on the command line; remove it");
     const CLI::Option* found = command_.get_option_no_throw(name);
     if (found != nullptr && !key.empty() && !key.starts_with('-')) return found;
-    constexpr std::size_t kMaxTypos = 2;
-    std::size_t min_typos = kMaxTypos + 1;
-    std::string meant;
-    for (const CLI::Option* option : command_.get_options()) {
-      for (const std::string& known : option->get_lnames()) {
-        const std::size_t typos = edit_distance(key, known);
-        if (typos >= min_typos) continue;
-        min_typos = typos;
-        meant = known;
-      }
-    }
+    const std::string meant = similar_option(command_, name);
     const std::string shown = key.empty() ? "?" : shortened(key);
-    return wrong(line, shown,
-                 meant.empty()
-                     ? fmt::format("is no option of {0}; penumbra {0} --help lists them", kCommand)
-                     : fmt::format("is no option of {}; did you mean {}?", kCommand, meant));
+    return wrong(
+        line, shown,
+        meant.empty()
+            ? fmt::format("is no option of {0}; penumbra {0} --help lists them", kCommand)
+            : fmt::format("is no option of {}; did you mean {}?", kCommand, meant.substr(2)));
   }
 
   [[nodiscard]] Result<std::vector<std::string>> values_of(const CLI::Option& option,
@@ -170,7 +175,8 @@ class OptionReader {
       return wrong(line, key,
                    value.IsMap() ? "is a map; give it a value" : "is empty; give it a value");
     }
-    if (std::ranges::count(values, "") > 0) return wrong(line, key, "is empty; give it a value");
+    if (values.empty() || std::ranges::count(values, "") > 0)
+      return wrong(line, key, "is empty; give it a value");
     return values;
   }
 
@@ -191,6 +197,16 @@ bool has_no_line(const std::string& text) {
   return std::ranges::all_of(split(text, '\n'), [](std::string_view line) {
     return trim(line).empty() || trim(line).starts_with('#');
   });
+}
+
+// Fails if the text has several documents, because only the first would be read.
+Result<void> check_is_one_document(const std::string& text, const std::string& file) {
+  try {
+    if (YAML::LoadAll(text).size() <= 1) return {};
+  } catch (const YAML::Exception&) {
+    return {};  // parse_yaml_map() reports it
+  }
+  return fail("{}: holds several documents (---); write one", file);
 }
 
 Result<std::vector<ConfiguredOption>> options_in(const YAML::Node& root, const CLI::App& command,
@@ -231,28 +247,49 @@ Result<std::optional<Configuration>> load_configuration(const CLI::App& program,
                                                         const std::vector<std::string>& words) {
   const std::size_t at = command_at(program, words);
   if (at == words.size() || words[at] != kCommand) return std::nullopt;
-  const std::set<std::string> given = given_options(words);
-  if (given.contains("--help") || given.contains("--version")) return std::nullopt;
-  const auto named = named_file(words);
+  std::set<std::string> given = given_options(words);
+  if (given.contains("--help") || std::ranges::count(words, "-h") > 0 ||
+      given.contains("--version"))
+    return std::nullopt;
+  const std::optional<std::filesystem::path> named = value_of(words, "--config");
   const auto file = named ? named : configuration_file();
   std::error_code ignored;
-  if (!file || file->empty() || (!named && !std::filesystem::exists(*file, ignored)))
-    return std::nullopt;
+  // A link to nothing, or a folder that can't be read, is reported below.
+  const bool is_missing = !named && file &&
+                          std::filesystem::symlink_status(*file, ignored).type() ==
+                              std::filesystem::file_type::not_found;
+  if (!file || file->empty() || is_missing) return std::nullopt;
 
   PENUMBRA_TRY(const std::string text, read_text_file(*file, kMaxYamlBytes));
   Configuration configuration;
   configuration.file = *file;
   if (has_no_line(text)) return configuration;
+  PENUMBRA_TRY_VOID(check_is_one_document(text, file->string()));
   PENUMBRA_TRY(const YAML::Node root, parse_yaml_map(text, file->string()));
   PENUMBRA_TRY(const auto options,
                options_in(root, *program.get_subcommand(std::string(kCommand)), *file));
+  // The camera of the file, named again, keeps its calibration.
+  const std::string camera = value_of(words, "--camera").value_or("");
+  std::erase_if(given, [&](const std::string& name) {
+    return name == "--camera" && std::ranges::find(options, "--camera=" + camera,
+                                                   &ConfiguredOption::words) != options.end();
+  });
   for (const ConfiguredOption& option : options) {
+    if (option.name == "--camera" && !camera.empty()) continue;
     if (given.contains(option.name) || option.words.empty()) continue;
     if (!is_replaced(given, option.name)) {
       configuration.used.push_back(option);
     } else if (std::ranges::count(configuration.unused, option.name) == 0) {
       configuration.unused.push_back(option.name);
     }
+  }
+  // The time of a kiosk is no mistake in a normal session.
+  const auto is_kiosk = [](const ConfiguredOption& option) { return option.name == "--kiosk"; };
+  if (!given.contains("--kiosk") && std::ranges::none_of(configuration.used, is_kiosk)) {
+    const auto removed = std::erase_if(configuration.used, [](const ConfiguredOption& option) {
+      return option.name == "--reset-after";
+    });
+    if (removed > 0) configuration.unused.emplace_back("--reset-after");
   }
   return configuration;
 }

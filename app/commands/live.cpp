@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "app/commands/configuration.hpp"
 #include "app/commands/options.hpp"
 #include "app/live/live_run.hpp"
 #include "app/logging.hpp"
@@ -228,8 +229,17 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
     check_camera_source(camera.source);
     if (camera.calibration.empty() && !camera.fov_deg &&
         recorded_calibration(camera.source).empty()) {
-      usage_error("--calibration", "{}; or start with --fov, and press V to calibrate",
-                  kCalibrationMissing);
+      const auto played = played_recording(camera.source);
+      if (std::error_code ignored; played && !std::filesystem::exists(*played, ignored)) {
+        chosen = [played]() -> Result<ExitCode> {
+          return fail("{}: no such recording or video file; correct --camera", played->string());
+        };
+        return;
+      }
+      usage_error(
+          "--calibration",
+          "{}; or let penumbra setup make it; or start with --fov, and press V to calibrate",
+          kCalibrationMissing);
     }
     if (camera.fov_deg && (options->request.refined_camera || options->request.refine_map))
       usage_error("--fov", "a guessed lens can't be refined; remove --refine-map, --refine-camera");
@@ -242,6 +252,9 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       }
     }
     set_run_options(command, options->shadow, options->request);
+    options->request.configuration = command.count("--config") > 0
+                                         ? command.get_option("--config")->as<std::string>()
+                                         : configuration_file();
     for (const char* name : kept_options()) {
       const CLI::Option* option = command.get_option_no_throw(name);
       if (option == nullptr || option->count() == 0) continue;

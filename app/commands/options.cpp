@@ -11,6 +11,7 @@
 #include "app/output/row_log.hpp"
 #include "app/report/versions.hpp"
 #include "app/resources.hpp"
+#include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
@@ -53,6 +54,22 @@ CLI::Validator check_that(std::string expected, std::function<bool(const std::st
 }
 
 }  // namespace
+
+std::string similar_option(const CLI::App& command, const std::string& name) {
+  constexpr std::size_t kMaxTypos = 2;
+  constexpr std::size_t kMaxLength = 100;  // longer words are no typos
+  std::size_t min_typos = kMaxTypos + 1;
+  std::string similar;
+  if (name.size() > kMaxLength) return similar;
+  for (const CLI::Option* option : command.get_options()) {
+    if (!option->nonpositional() || option->get_name().empty()) continue;
+    const std::size_t typos = edit_distance(name, option->get_name());
+    if (typos >= min_typos) continue;
+    min_typos = typos;
+    similar = option->get_name();
+  }
+  return similar;
+}
 
 void start_group(CLI::App& command, const std::string& name) {
   command.option_defaults()->group(name);
@@ -259,6 +276,10 @@ PlanOptions plan_of(const ShadowChoice& choice) {
 }
 
 void check_camera_output(const std::string& option, const std::filesystem::path& file) {
+  if (camera_count(file) > 1) {
+    usage_error(option, "{}: holds several cameras, and would hold one; name another file",
+                file.string());
+  }
   const std::string extension = lower_extension(file);
   if (extension != ".json" && extension != ".xml" && extension != ".cameramodel") return;
   usage_error(option,

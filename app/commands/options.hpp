@@ -74,6 +74,8 @@ template <class... Args>
 
 // Returns the formatter of every `--help`. It does not wrap footer lines that begin with a blank.
 [[nodiscard]] std::shared_ptr<CLI::FormatterBase> make_help_formatter();
+// Returns the command's option whose name is most similar ("--fps" for "--fsp"); "" if none is.
+[[nodiscard]] std::string similar_option(const CLI::App& command, const std::string& name);
 // Sets the help group of the options that are added after this call.
 void start_group(CLI::App& command, const std::string& name);
 // Moves options to the group that the help shows first.

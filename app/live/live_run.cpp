@@ -64,6 +64,7 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
   std::vector<std::filesystem::path> taken = {request.scene, request.tags};
   if (!request.camera.fov_deg) taken.push_back(request.camera.calibration);
   if (request.kernel_file) taken.push_back(*request.kernel_file);
+  if (request.configuration) taken.push_back(*request.configuration);
   for (std::filesystem::path& file : model_files(scene)) taken.push_back(std::move(file));
   if (request.record) taken.push_back(*request.record);
   if (address.kind == CameraAddress::Kind::recording) {
@@ -211,12 +212,10 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
   const auto open = [&]() -> Result<std::unique_ptr<LiveSource>> {
-    PENUMBRA_TRY(auto opened, open_camera(address, request.camera, &camera));
-    PENUMBRA_TRY_VOID(
-        check_size_or_offer_scaling(request.camera, address, opened->format(), camera));
-    return opened;
+    return open_camera(address, request.camera, &camera);
   };
   PENUMBRA_TRY(auto source, when_there(open));
+  PENUMBRA_TRY_VOID(check_size_or_offer_scaling(request.camera, address, source->format(), camera));
   log_info("{}", source->description());
   PENUMBRA_TRY_VOID(check_outputs(request, address, *scene));
   interrupt.hold();

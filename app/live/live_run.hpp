@@ -20,7 +20,8 @@ struct LiveRequest : RunRequest {
   std::optional<std::filesystem::path> record;
   std::optional<double> duration_s;  // measured from the first frame; default: no limit
   bool vsync = true;
-  GivenOptions kept_options;  // that a recording keeps
+  std::optional<std::filesystem::path> configuration;  // a file that no output may replace
+  GivenOptions kept_options;                           // that a recording keeps
 };
 
 // Ends after the duration, on Ctrl-C, or when the window is closed. All files are complete then.

@@ -224,7 +224,9 @@ void judge(CameraCalibration& result) {
                       worst.empty() ? std::string() : ", and near " + worst));
     }
     if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
-  } else if (has_gaps || result.other_board || !result.target_differences.empty()) {
+  } else if (!result.target_differences.empty()) {
+    text += fmt::format("; {}", fmt::join(result.target_differences, "; "));
+  } else if (has_gaps || result.other_board) {
     text += fmt::format("; {}", result.advice.front());
   }
   result.verdict = text;

@@ -229,6 +229,7 @@ GuideResult ViewGuide::look(ImageView luma) {
   const std::vector<TargetCorner> before = std::exchange(self.last, view.corners);
   GuideResult result;
   result.corners = view.corners;
+  result.tags = view.tags;
   const auto because = [&](std::string why) {
     result.why = std::move(why);
     self.measure();

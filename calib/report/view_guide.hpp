@@ -57,6 +57,7 @@ struct GuideResult {
   std::string why;    // reason if it was not taken
   double gain = 0.0;  // relative reduction of the uncertainty; 0 while no lens is known
   std::vector<TargetCorner> corners;  // detected corners of the target
+  TagsInView tags;
 };
 
 class ViewGuide {

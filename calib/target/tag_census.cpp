@@ -36,11 +36,11 @@ std::string names_of(const std::set<std::pair<TagFamily, int>>& tags) {
 
 }  // namespace
 
-void TagCensus::add(const TargetView& view, ImageView luma) {
-  for (const std::size_t index : view.tags_seen) ++seen_[index];
-  for (const auto& tag : view.other_tags) ++others_[tag];
-  if (!view.tags_seen.empty()) ++images_with_target_;
-  if (!view.tags_seen.empty() || !view.other_tags.empty()) {
+void TagCensus::add(const TagsInView& tags, ImageView luma) {
+  for (const std::size_t index : tags.seen) ++seen_[index];
+  for (const auto& other : std::set(tags.others.begin(), tags.others.end())) ++others_[other];
+  if (!tags.seen.empty()) ++images_with_target_;
+  if (!tags.seen.empty() || !tags.others.empty()) {
     ++images_with_tags_;
   } else if (images_with_tags_ == 0 && searches_ < kMaxSearches) {
     search_other_families(luma);

@@ -20,7 +20,7 @@ class TagCensus {
 
   // Adds what was detected in an image. In the first images without any tag, it also searches for
   // tags of other families.
-  void add(const TargetView& view, ImageView luma);
+  void add(const TagsInView& tags, ImageView luma);
 
   // Returns a line for each difference that is not by chance: tags that are not in the target file,
   // and tags of the target file that no image shows.

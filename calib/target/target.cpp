@@ -210,8 +210,8 @@ Result<AprilGrid> april_grid_of(TagFamily family, std::optional<double> size_m,
   AprilGrid grid;
   grid.family = family;
   const double pitch_m = grid.tag_size_m * (1.0 + grid.spacing);
-  constexpr double kStep = 0.05;
-  const double needed = kStep * std::ceil((ratio - 1.0) / kStep - 1e-9);
+  constexpr double kStepsPerUnit = 20.0;
+  const double needed = std::ceil((ratio - 1.0) * kStepsPerUnit - 1e-9) / kStepsPerUnit;
   grid.spacing = spacing.value_or(std::max(grid.spacing, needed));
   grid.tag_size_m =
       size_m.value_or(std::min(grid.tag_size_m, whole_mm_below(pitch_m / (1.0 + grid.spacing))));

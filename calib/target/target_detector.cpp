@@ -153,14 +153,14 @@ std::map<std::size_t, TagDetection> TargetDetector::seen_tags(ImageView luma, Ta
   for (const TagDetection& detection : detector.detect(luma)) {
     const MappedTag* tag = target_.tags->find(detection.family, detection.id);
     if (tag == nullptr && view != nullptr)
-      view->other_tags.emplace_back(detection.family, detection.id);
+      view->tags.others.emplace_back(detection.family, detection.id);
     if (tag == nullptr) continue;
     const auto index = static_cast<std::size_t>(tag - mapped.data());
     ++times[index];
     seen[index] = detection;
   }
   for (const auto& [tag, count] : times) {
-    if (view != nullptr) view->tags_seen.push_back(tag);
+    if (view != nullptr) view->tags.seen.push_back(tag);
     if (count == 1) continue;
     seen.erase(tag);
     if (repeated != nullptr) ++*repeated;
@@ -236,7 +236,7 @@ TargetView TargetDetector::detect_tags(ImageView luma) {
   }
   const std::size_t needed = std::min<std::size_t>(kMinCorners, target_.points.size());
   if (view.corners.size() < needed) {
-    view.problem = seen.empty() && !view.other_tags.empty()
+    view.problem = seen.empty() && !view.tags.others.empty()
                        ? "only tags that are not in the target file are seen"
                    : seen.empty() ? "no tag of the target is seen"
                    : repeated > 0
@@ -392,7 +392,7 @@ TargetView TargetDetector::detect_charuco(ImageView luma) {
   }
   view.markers = marker_share(view, seen);
   if (view.corners.size() < kMinCorners) {
-    view.problem = seen.empty() && !view.other_tags.empty()
+    view.problem = seen.empty() && !view.tags.others.empty()
                        ? "only tags that are not in the target file are seen"
                    : seen.empty() ? "no tag of the board is seen"
                                   : fmt::format("only {} of {} corners are seen",

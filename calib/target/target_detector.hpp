@@ -27,13 +27,17 @@ struct TargetCorner {
   Eigen::Vector2d spread = Eigen::Vector2d::Zero();
 };
 
+struct TagsInView {
+  std::vector<std::size_t> seen;  // indices into the target's tag map
+  // Tags of the target's families that are not in its map.
+  std::vector<std::pair<TagFamily, int>> others;
+};
+
 struct TargetView {
   std::vector<TargetCorner> corners;  // by point; each point once
   // Sigma of the blur across the target's edges [px], upper quartile; 0 if unknown.
   double blur_px = 0.0;
-  std::vector<std::size_t> tags_seen;  // indices into the tag map
-  // Tags of the target's families that are not in its map.
-  std::vector<std::pair<TagFamily, int>> other_tags;
+  TagsInView tags;
   // Number of the board's tags with a border of two cells, as Kalibr prints them.
   int two_cell_tags = 0;
   // Median marker size of a ChArUco board; nullopt if no marker is detected with all four corners

@@ -532,32 +532,51 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
 
 namespace {
 
-// Returns nullopt if the file is no camera file, or of a format that is not written.
-std::optional<CameraFileFormat> stored_format_of(const std::filesystem::path& file) {
+struct StoredCameras {
+  std::size_t count = 0;
+  std::optional<CameraFileFormat> format;  // nullopt: one that is not written
+};
+
+CameraFileFormat format_of(const YamlFields& camera) {
+  const auto matrix = camera.node(key_present(camera, kMatrixKeys, {}), "");
+  return matrix && is_opencv_matrix(*matrix) ? CameraFileFormat::opencv : CameraFileFormat::ros;
+}
+
+StoredCameras stored_cameras(const YAML::Node& root, const std::string& file) {
+  const YamlFields fields(root, file);
+  if (fields.has("lensmodel")) return {1, std::nullopt};
+  if (is_camera(fields)) return {1, format_of(fields)};
+  if (const auto names = wrapped_cameras(root); !names.empty()) {
+    const auto first = fields.fields(names.front(), "");
+    const bool is_wrapped = first && is_camera(*first);
+    return {names.size(), is_wrapped ? format_of(*first) : CameraFileFormat::kalibr};
+  }
+  return {pair_suffixes(fields).size(), CameraFileFormat::opencv};
+}
+
+StoredCameras stored_cameras(const std::filesystem::path& file) {
   std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) return std::nullopt;
+  if (!std::filesystem::is_regular_file(file, ignored)) return {};
   const auto text = read_text_file(file, kMaxYamlBytes);
-  if (!text || is_xml(*text)) return std::nullopt;
+  if (!text || is_xml(*text)) return {};
   const auto root = parse_yaml_map(without_bytes_literals(*text), file.string());
-  if (!root) return std::nullopt;
+  if (!root) return {};
   try {
-    const YamlFields fields(*root, file.string());
-    if (fields.has("lensmodel")) return std::nullopt;
-    if (!is_camera(fields)) {
-      return wrapped_cameras(*root).empty() ? std::nullopt
-                                            : std::optional(CameraFileFormat::kalibr);
-    }
-    const auto matrix = fields.node(key_present(fields, kMatrixKeys, {}), "");
-    return matrix && is_opencv_matrix(*matrix) ? CameraFileFormat::opencv : CameraFileFormat::ros;
+    return stored_cameras(*root, file.string());
   } catch (const std::exception&) {  // thrown by yaml-cpp
-    return std::nullopt;
+    return {};
   }
 }
 
 }  // namespace
 
+std::size_t camera_count(const std::filesystem::path& file) {
+  return stored_cameras(file).count;
+}
+
 CameraFileFormat output_format_of(const std::filesystem::path& file) {
-  if (const auto stored = stored_format_of(file)) return *stored;
+  if (const StoredCameras stored = stored_cameras(file); stored.count > 0 && stored.format)
+    return *stored.format;
   if (file.filename().string().find("camchain") != std::string::npos)
     return CameraFileFormat::kalibr;
   return file.extension() == ".yml" ? CameraFileFormat::opencv : CameraFileFormat::ros;

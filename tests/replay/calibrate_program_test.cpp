@@ -556,6 +556,7 @@ TEST_F(CalibrateFromCamera, SetsUpTableInOneRun) {
   ASSERT_EQ(first.exit_code, 0) << first.err << first.out;
   EXPECT_THAT(first.out, HasSubstr("tags.yaml: used as it is"));
   EXPECT_THAT(first.out, testing::ContainsRegex("tracked in [1-9][0-9]* of"));
+  EXPECT_THAT(first.out, HasSubstr("Good."));
   EXPECT_THAT(first.out, HasSubstr("config.yaml: written. Start with: penumbra live --config"));
   const auto truth = load_camera(shared("recordings/calibration/camera.yaml"));
   const auto camera = load_camera(table / "camera.yaml");
@@ -574,6 +575,24 @@ TEST_F(CalibrateFromCamera, SetsUpTableInOneRun) {
   EXPECT_THAT(second.out, HasSubstr("camera.yaml exists. Calibrate again?"));
   EXPECT_EQ(test::read_bytes(table / "camera.yaml"), written);
   EXPECT_THAT(second.out, HasSubstr("has these options already"));
+}
+
+// The tags of another sheet are named with a camera too, and nothing is written.
+TEST_F(CalibrateFromCamera, NamesSheetInViewAtSetup) {
+  write_listing(4, 1);
+  const auto table = folder() / "table";
+  std::filesystem::create_directory(table);
+  ASSERT_TRUE(write_text_file(table / "tags.yaml",
+                              "tags:\n  - {id: 0, family: tag25h9, size_m: 0.04, "
+                              "position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}\n"));
+  const auto result = test::run_program(
+      test::program(),
+      {"setup", table.string(), "--camera", "recording:" + played_folder().string(), "--config",
+       (folder() / "config.yaml").string()},
+      {}, folder());
+  EXPECT_EQ(result.exit_code, 1) << result.out;
+  EXPECT_THAT(result.err, HasSubstr("not in the target file (tag36h11 0 to 35)"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "config.yaml"));
 }
 
 // The sheet is printed before the lens is known, and stays if the calibration fails.

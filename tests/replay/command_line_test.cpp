@@ -302,6 +302,18 @@ TEST(CommandLine, ReportsWhichNumberAnOptionExpects) {
   }
 }
 
+TEST(CommandLine, RejectsCameraFileNamesOfOtherFormats) {
+  for (const char* name : {"camera.json", "camera.XML", "c.cameramodel"}) {
+    const ProgramResult result =
+        penumbra({"calibrate", "r", "--target", "t.yaml", "--output", name});
+    EXPECT_EQ(result.exit_code, 2) << name;
+    EXPECT_THAT(result.err, HasSubstr("camera files are written as YAML"));
+  }
+  const ProgramResult small = penumbra({"setup", "table", "--page", "a5"});
+  EXPECT_EQ(small.exit_code, 2);
+  EXPECT_THAT(small.err, HasSubstr("does not fit on a page"));
+}
+
 TEST(CommandLine, AcceptsEveryKernelSource) {
   for (const auto& entry : kKernelSourceNames) {
     const ProgramResult result =

@@ -72,19 +72,24 @@ TEST_F(ConfigurationTest, PrefersCommandLine) {
   EXPECT_TRUE(unused_.empty());
 }
 
-TEST_F(ConfigurationTest, LeavesOutOptionsOfAnotherCamera) {
+TEST_F(ConfigurationTest, IgnoresOptionsOfAnotherCamera) {
   const std::string text =
       "live:\n  camera: v4l2:/dev/video2\n  calibration: c.yaml\n  tags: t.yaml\n  shadow: field\n";
   EXPECT_THAT(added(text, {"--camera", "recording:r"}), ElementsAre("--shadow=field"));
   EXPECT_THAT(unused_, ElementsAre("--calibration", "--tags"));
+  EXPECT_THAT(added(text, {"--camera", "v4l2:/dev/video2"}),
+              ElementsAre("--calibration=c.yaml", "--tags=t.yaml", "--shadow=field"))
+      << "the same camera keeps its calibration";
   EXPECT_THAT(added(text, {"--fov"}),
               ElementsAre("--camera=v4l2:/dev/video2", "--tags=t.yaml", "--shadow=field"));
 }
 
 TEST_F(ConfigurationTest, ReplacesHomeAndKeepsOtherPaths) {
-  EXPECT_THAT(
-      added("live:\n  tags: ~/t.yaml\n  calibration: ./~/c.yaml\n"),
-      ElementsAre("--tags=" + folder_.path().string() + "/t.yaml", "--calibration=./~/c.yaml"));
+  const std::string home = folder_.path().string();
+  EXPECT_THAT(added("live:\n  tags: ~/t.yaml\n  calibration: ./~/c.yaml\n"
+                    "  camera: recording:~/r\n"),
+              ElementsAre("--tags=" + home + "/t.yaml", "--calibration=./~/c.yaml",
+                          "--camera=recording:" + home + "/r"));
 }
 
 TEST_F(ConfigurationTest, ReadsUserFileOnlyForLive) {
@@ -97,10 +102,21 @@ TEST_F(ConfigurationTest, ReadsUserFileOnlyForLive) {
   EXPECT_TRUE(applies({"live"}));
   EXPECT_TRUE(applies({"--log-level", "info", "live"}));
   EXPECT_FALSE(applies({"live", "--help"}));
+  EXPECT_FALSE(applies({"live", "-h"}));
   EXPECT_FALSE(applies({"replay", "live"}));
   EXPECT_FALSE(applies({}));
   setenv("XDG_CONFIG_HOME", (folder_.path() / "other").c_str(), 1);
   EXPECT_FALSE(applies({"live"}));
+  fs::create_directories(folder_.path() / "other" / "penumbra");
+  fs::create_symlink("nothing", folder_.path() / "other" / "penumbra" / "config.yaml");
+  EXPECT_FALSE(load_configuration(*program_, {"live"})) << "a link to nothing is a mistake";
+}
+
+TEST_F(ConfigurationTest, UsesTimeOfKioskOnlyInKiosk) {
+  const std::string text = "live:\n  reset-after: 60\n  no-window: true\n";
+  EXPECT_THAT(added(text), ElementsAre("--no-window"));
+  EXPECT_THAT(unused_, ElementsAre("--reset-after"));
+  EXPECT_THAT(added(text, {"--kiosk"}), ElementsAre("--reset-after=60"));
 }
 
 TEST_F(ConfigurationTest, InsertsWordsBehindCommand) {
@@ -127,6 +143,9 @@ TEST_F(ConfigurationTest, NamesFileLineAndRemedyOfMistakes) {
               HasSubstr("only be given on the command line"));
   EXPECT_THAT(error_of("live:\n  fps: 1\n  fps: 2\n"), HasSubstr("is there twice"));
   EXPECT_THAT(error_of("live: [\n"), HasSubstr("is not valid YAML"));
+  EXPECT_THAT(error_of("live:\n  fps: 1\n---\nlive:\n  fps: 2\n"), HasSubstr("several documents"));
+  EXPECT_THAT(error_of("live:\n  object: []\n"), HasSubstr("is empty"));
+  EXPECT_THAT(error_of("live:\n  scene: !!binary aGVsbG8=\n"), HasSubstr("YAML tag"));
   for (const char* empty : {"live:\n", "", "# no option yet\n\n"})
     EXPECT_EQ(error_of(empty), "no error");
 }

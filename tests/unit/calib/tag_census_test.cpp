@@ -19,10 +19,10 @@ constexpr auto kFamily = TagFamily::tag36h11;
 // are not in the map.
 void add(TagCensus& census, int images, const std::vector<std::size_t>& seen,
          const std::vector<int>& others = {}) {
-  TargetView view;
-  view.tags_seen = seen;
-  for (const int id : others) view.other_tags.emplace_back(kFamily, id);
-  for (int i = 0; i < images; ++i) census.add(view, {});
+  TagsInView tags;
+  tags.seen = seen;
+  for (const int id : others) tags.others.emplace_back(kFamily, id);
+  for (int i = 0; i < images; ++i) census.add(tags, {});
 }
 
 class TagCensusTest : public testing::Test {

@@ -310,11 +310,20 @@ TEST(CameraFileOutput, KeepsFormatOfReplacedFile) {
   lens.cy = 240.0;
   const CameraModel camera = CameraModel::make(lens).value();
   const auto file = folder.path() / "camera.yaml";
+  const std::string flow_camera =
+      "image_width: 640, image_height: 480, camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, "
+      "0, 500, 240, 0, 0, 1]}, distortion_model: plumb_bob, "
+      "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}";
   for (const CameraFileFormat format :
        {CameraFileFormat::ros, CameraFileFormat::opencv, CameraFileFormat::kalibr}) {
     ASSERT_TRUE(save_camera(file, camera, format));
     EXPECT_EQ(output_format_of(file), format) << to_string(format);
   }
+  EXPECT_EQ(camera_count(file), 1U);
+  ASSERT_TRUE(write_text_file(file, "left: {" + flow_camera + "}\nright: {" + flow_camera + "}\n"));
+  EXPECT_EQ(camera_count(file), 2U);
+  EXPECT_EQ(output_format_of(file), CameraFileFormat::ros) << "wrapped, but not Kalibr's";
+  EXPECT_EQ(camera_count(folder.path() / "new.yaml"), 0U);
   EXPECT_EQ(output_format_of(folder.path() / "new.yaml"), CameraFileFormat::ros);
   EXPECT_EQ(output_format_of(folder.path() / "new.yml"), CameraFileFormat::opencv);
   EXPECT_EQ(output_format_of(folder.path() / "camchain-new.yaml"), CameraFileFormat::kalibr);
