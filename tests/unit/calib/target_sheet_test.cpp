@@ -12,6 +12,7 @@
 #include <limits>
 #include <utility>
 
+#include "calib/target/tag_census.hpp"
 #include "calib/target/target_detector.hpp"
 #include "core/image/image_file.hpp"
 #include "core/text/text.hpp"
@@ -126,6 +127,22 @@ TEST(TargetSheet, HasReadableDefaultsForEveryFamily) {
           << to_string(family) << ", sheet " << target.index();
     }
   }
+}
+
+// A target file of tag36h11, and images of a sheet of another family.
+TEST(TargetSheet, IsNamedByCensusOfAnotherFamily) {
+  const test::TemporaryFolder folder;
+  const auto pdf = folder.path() / "sheet.pdf";
+  ASSERT_TRUE(write_sheet(pdf, tag_board_of(TagFamily::tag25h9).value(),
+                          page_size_from_string("a4").value()));
+  const Frame frame = rendered(pdf, 100);
+  std::vector<std::uint8_t> scratch;
+  TagCensus census(tag_map_of(TagBoard{}).value());
+  for (int i = 0; i < 3; ++i) census.add({}, luma(frame, scratch));
+  ASSERT_EQ(census.differences().size(), 1U);
+  EXPECT_THAT(
+      census.differences().front(),
+      testing::AllOf(HasSubstr("tag25h9 0 to 11"), HasSubstr("give the file of the sheet")));
 }
 
 TEST(TargetSheet, KeepsDefaultsOfUsualFamilies) {
