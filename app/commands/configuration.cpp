@@ -254,10 +254,10 @@ Result<std::optional<Configuration>> load_configuration(const CLI::App& program,
   const std::optional<std::filesystem::path> named = value_of(words, "--config");
   const auto file = named ? named : configuration_file();
   std::error_code ignored;
-  // A link to nothing, or a folder that can't be read, is reported below.
-  const bool is_missing = !named && file &&
-                          std::filesystem::symlink_status(*file, ignored).type() ==
-                              std::filesystem::file_type::not_found;
+  // A link to nothing is reported below. The home of another user can't be searched.
+  using Type = std::filesystem::file_type;
+  const Type type = file ? std::filesystem::symlink_status(*file, ignored).type() : Type::none;
+  const bool is_missing = !named && (type == Type::not_found || type == Type::none);
   if (!file || file->empty() || is_missing) return std::nullopt;
 
   PENUMBRA_TRY(const std::string text, read_text_file(*file, kMaxYamlBytes));
