@@ -236,8 +236,7 @@ Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& targe
       return fail("{}; {}", counts, fmt::join(captured.target_differences, "; "));
     return fail(
         "{}{}, and a camera needs at least {} views; show the whole target, sharp and still, "
-        "tilted "
-        "in several directions",
+        "tilted in several directions",
         counts, why, kMinViews);
   }
   if (captured.end == CaptureEnd::interrupted) {

@@ -283,7 +283,7 @@ Result<std::optional<Configuration>> load_configuration(const CLI::App& program,
       configuration.unused.push_back(option.name);
     }
   }
-  // The time of a kiosk is no mistake in a normal session.
+  // Without --kiosk, the command line would reject the --reset-after that the file gives kiosks.
   const auto is_kiosk = [](const ConfiguredOption& option) { return option.name == "--kiosk"; };
   if (!given.contains("--kiosk") && std::ranges::none_of(configuration.used, is_kiosk)) {
     const auto removed = std::erase_if(configuration.used, [](const ConfiguredOption& option) {

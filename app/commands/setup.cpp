@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <cstdio>
 #include <iostream>
@@ -117,8 +116,7 @@ Result<void> make_sheet(const SetupOptions& options) {
     if (!scale) {
       return fail(
           "{}: is not of the sheet that setup prints, so its scale can't be corrected; name "
-          "another "
-          "folder",
+          "another folder",
           tags.string());
     }
   } else if (is_present(sheet)) {
@@ -133,7 +131,8 @@ Result<void> make_sheet(const SetupOptions& options) {
     PENUMBRA_TRY(measured_mm, ask_for_ruler());
   }
   PENUMBRA_TRY_VOID(write_tags_file(options, measured_mm));
-  fmt::print("  {}: tags of {:.2f} mm\n", tags.string(), 40.0 * measured_mm / kRulerMm);
+  fmt::print("  {}: tags of {:.2f} mm\n", tags.string(),
+             1e3 * TagBoard{}.tag_size_m * measured_mm / kRulerMm);
   return {};
 }
 
@@ -199,8 +198,7 @@ Result<bool> check(const SetupOptions& options) {
   if (share < kMinTrackedShare) {
     return fail(
         "too few frames are tracked{}, so no configuration is written; show the whole sheet in "
-        "good "
-        "light, check that {} is of this sheet, and go on with: {}",
+        "good light, check that {} is of this sheet, and go on with: {}",
         report.reasons.empty()
             ? std::string()
             : fmt::format(" (most often: {})", text_of(report.reasons.front().first)),
@@ -273,7 +271,7 @@ Result<void> check_files(const SetupOptions& options) {
   std::error_code ignored;
   if (!options.config.empty() && std::filesystem::exists(options.config, ignored) &&
       !std::filesystem::is_regular_file(options.config, ignored)) {
-    return fail("{}: is no regular file; name a file for the configuration (--config)",
+    return fail("{}: is not a regular file; name a file for the configuration (--config)",
                 options.config.string());
   }
   return {};

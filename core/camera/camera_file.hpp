@@ -48,7 +48,7 @@ enum class CameraFileFormat { ros, opencv, kalibr };
 // Returns whether a file of this format can hold the lens: model_name() is known, and k3 is 0
 // (Kalibr).
 [[nodiscard]] bool can_hold(CameraFileFormat format, const CameraModel& camera);
-// Returns the number of cameras in a file; 0 if it is no camera file.
+// Returns the number of cameras in a file; 0 if the file is not a camera file.
 [[nodiscard]] std::size_t camera_count(const std::filesystem::path& file);
 // Returns the format for writing a camera to this file: that of the camera file that it replaces,
 // else by its name: Kalibr's if that contains "camchain", OpenCV's for *.yml, else ROS's.

@@ -302,13 +302,7 @@ TEST_F(CameraFile, FormatsSameTextAsFile) {
 
 TEST(CameraFileOutput, KeepsFormatOfReplacedFile) {
   const test::TemporaryFolder folder;
-  CameraParameters lens;
-  lens.width = 640;
-  lens.height = 480;
-  lens.fx = lens.fy = 500.0;
-  lens.cx = 320.0;
-  lens.cy = 240.0;
-  const CameraModel camera = CameraModel::make(lens).value();
+  const CameraModel camera = test::pinhole_camera();
   const auto file = folder.path() / "camera.yaml";
   const std::string flow_camera =
       "image_width: 640, image_height: 480, camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, "
