@@ -332,6 +332,8 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
     tag.too_small = true;
     return false;
   }
+  constexpr double kMaxCell_px = 1e5;  // larger than any image; counts of pixels fit integers
+  if (!(tag.cell_max_px <= kMaxCell_px)) return false;
   const double radius_px = half * (along_a.norm() + along_b.norm());
   if (!(pixel.x() > -radius_px && pixel.y() > -radius_px &&
         pixel.x() < camera.width() + radius_px && pixel.y() < camera.height() + radius_px))

@@ -705,6 +705,25 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   }
 }
 
+// The cells of a tag whose centre is almost in the camera's principal plane are larger than an
+// image, up to more pixels than an integer holds. A lens without distortion projects them.
+TEST_F(TagAlignerTest, SkipsTagsBesideTheCamera) {
+  const std::vector<MappedTag> single = board(1, 1, 0.06);
+  CameraParameters straight = camera_.parameters();
+  straight.distortion = {};
+  auto aligner = TagAligner::create(CameraModel::make(straight).value(), single, {}).value();
+  const GreyImage image = render_view(random_view(random_), {});
+  for (const double angle : {0.0, 1e-300, 1e-15, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7}) {
+    const CameraPose pose(
+        test::looking_at(Eigen::Vector3d::Zero(), 1.0, angle, radians(40.0), 0.0).rotation(),
+        single.front().T_table_tag.translation() + Eigen::Vector3d(0.0, 0.0, 0.02));
+    const AlignmentResult result = align(aligner, image, pose, 2.0);
+    EXPECT_FALSE(result.verified) << angle;
+    EXPECT_EQ(result.counters.tags_out_of_view, 1) << angle;
+    EXPECT_TRUE(result.T_map_camera.matrix().allFinite()) << angle;
+  }
+}
+
 // Families differ in the number of cells, the data cells, and the cells outside the black square.
 TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
   for (const TagFamily family :
