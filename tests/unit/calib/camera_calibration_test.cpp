@@ -204,7 +204,7 @@ TEST(ProjectionDifference, ReportsFractionOfImageNotCompared) {
 }
 
 // OpenCV must read the same digits from the written file.
-TEST(CameraFile, IsReadByOpenCvWithSameNumbers) {
+TEST(CalibratedCameraFile, IsReadByOpenCvWithSameNumbers) {
   const test::TemporaryFolder folder;
   for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {
     const auto file = folder.path() / "camera.yml";
@@ -238,7 +238,7 @@ TEST(CameraFile, IsReadByOpenCvWithSameNumbers) {
   }
 }
 
-TEST(CameraFile, OmitsNonFiniteValues) {
+TEST(CalibratedCameraFile, OmitsNonFiniteValues) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "camera.yaml";
   CalibrationRecord record;
