@@ -46,7 +46,7 @@ TEST(Kiosk, BeginsWhenItsCameraIsThere) {
   const TemporaryFolder folder;
   const fs::path camera = folder.path() / "camera";
   std::thread plug([&] {
-    std::this_thread::sleep_for(std::chrono::seconds(3));
+    std::this_thread::sleep_for(std::chrono::milliseconds(1500));
     fs::create_directory_symlink(bundled("tabletop"), camera);
   });
   const ProgramResult live =
@@ -73,7 +73,7 @@ TEST(Kiosk, ShowsImagesUnderRandomTouches) {
   const TemporaryFolder folder;
   const fs::path log = folder.path() / "log.csv";
   const std::vector<std::string> words = {(source_dir() / "tests/support/touch-at-random").string(),
-                                          nightly() ? "3600" : "10",
+                                          nightly() ? "3600" : "5",
                                           "39",
                                           program().string(),
                                           "live",
@@ -88,7 +88,7 @@ TEST(Kiosk, ShowsImagesUnderRandomTouches) {
       run_program(source_dir() / "tests/support/with-display", words, {}, folder.path());
   EXPECT_EQ(live.exit_code, 0) << live.err;
   const RowTimes times = times_of(log);
-  EXPECT_GT(times.rows, 30U);
+  EXPECT_GT(times.rows, 15U);
   const double max_gap_s = nightly() ? 10.0 : 3.0 * kSlowness;
   EXPECT_LT(times.longest_gap_s, max_gap_s);
   const std::chrono::duration<double> end = std::chrono::steady_clock::now().time_since_epoch();

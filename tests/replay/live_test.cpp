@@ -620,11 +620,11 @@ TEST(LiveCommand, TakesCalibrationAndTagsOfPlayedRecording) {
 TEST(LiveCommand, NeverTracksWithoutCalibration) {
   const test::TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  for (const char* fov : {"50", "62", "75"}) {
+  for (const char* fov : {"50", "75"}) {  // the camera's is 62
     SCOPED_TRACE(fov);
     const std::string session = path("session") + fov;
     const auto done = penumbra({"live", "--camera", "recording:" + bundled("tabletop"), "--fov",
-                                fov, "--no-window", "--duration", "1", "--record", session,
+                                fov, "--no-window", "--duration", "0.5", "--record", session,
                                 "--frame-log", path("log.csv")});
     ASSERT_EQ(done.exit_code, 0) << done.err;
     EXPECT_THAT(done.out, testing::StartsWith("calibration: none; poses stay uncertain"));

@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <random>
@@ -525,8 +526,15 @@ GreyImage PatternRenderer::render(std::span<const CameraPose> path,
   GreyImage image;
   image.width = impl_->camera.width();
   image.height = impl_->camera.height();
+  // Most pixels have the light of the pixel before them.
+  double known_linear = std::numeric_limits<double>::quiet_NaN();
+  double known_grey = 0.0;
   const auto grey_of = [&](double linear) {
-    return 255.0 * std::pow(std::clamp(linear, 0.0, 1.0), 1.0 / options.gamma);
+    if (linear != known_linear) {
+      known_linear = linear;
+      known_grey = 255.0 * std::pow(std::clamp(linear, 0.0, 1.0), 1.0 / options.gamma);
+    }
+    return known_grey;
   };
   image.pixels.assign(light.size(), static_cast<std::uint8_t>(
                                         std::lround(grey_of(options.background * options.gain))));

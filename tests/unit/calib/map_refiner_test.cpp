@@ -29,7 +29,7 @@ KeyframeList keyframes_of(const CameraModel& camera, const std::vector<MappedTag
                          radians(40.0 + 9.0 * (k % 5)), radians(75.0 * k), radians(4.0 * k));
     PatternRenderOptions options;
     options.noise_grey = 2.0;
-    options.samples = 64;
+    options.samples = 32;
     options.seed = 1 + static_cast<std::uint64_t>(k);
     GreyImage image = renderer.render(std::array{pose}, options);
     auto keyframe = std::make_shared<MapKeyframe>();

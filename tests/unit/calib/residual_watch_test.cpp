@@ -52,7 +52,7 @@ Watched watch(const test::Session& session, const CameraModel& camera,
 }
 
 TEST(ResidualWatch, FindsNothingIfMapAndCameraAreRight) {
-  for (int seed = 1; seed <= (test::nightly() ? 40 : 3); ++seed) {
+  for (int seed = 1; seed <= (test::nightly() ? 40 : 2); ++seed) {
     const test::Session session = test::hand_held_session(static_cast<std::uint64_t>(seed));
     const Watched watched = watch(session, session.camera, session.tags);
     EXPECT_FALSE(watched.found) << seed;

@@ -76,13 +76,14 @@ INSTANTIATE_TEST_SUITE_P(Lenses, VirtualWall, testing::Bool(), [](const auto& le
 });
 
 TEST_P(VirtualWall, ChangesPixelsInsideItsOutlineOnly) {
-  Studio studio(wall_scene().build(), camera());
+  const CameraModel view_camera = camera();
+  Studio studio(wall_scene().build(), view_camera);
   const RenderedImage image = studio.draw(grey(0), studio.plan(in_front()));
   const CameraPose T_table_camera = in_front().T_table_camera;
   int inside = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      const auto ray = camera().unproject({static_cast<double>(x), static_cast<double>(y)});
+      const auto ray = view_camera.unproject({static_cast<double>(x), static_cast<double>(y)});
       ASSERT_TRUE(ray.has_value());
       const Eigen::Vector3d direction = T_table_camera.rotation() * *ray;
       const Eigen::Vector3d eye = T_table_camera.translation();
