@@ -19,6 +19,7 @@
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/volume_pass.hpp"
 #include "render/passes/wall_pass.hpp"
+#include "render/scene/video_rgba.hpp"
 
 namespace penumbra {
 namespace {
@@ -80,6 +81,7 @@ struct Compositor::Impl {
   std::optional<GpuTimer> gpu_timer;
   VideoTexture video;
   std::optional<RectifiedVideo> resampled;  // nullopt: the image shows the video 1:1
+  std::optional<VideoRgba> converted;       // set if the CPU converts the video
   // Shared by the passes.
   ObjectPainter objects;
   Receivers receivers;
@@ -182,6 +184,28 @@ struct Compositor::Impl {
     if (method == VideoTexture::Upload::there) stats.kept.push_back({KeepReason::video});
   }
 
+  // Draws the video as the background.
+  [[nodiscard]] Result<void> draw_video(const DrawContext& draw_context, bool reuse) {
+    const Frame& frame = draw_context.frame;
+    // With `retexture`, shadows fetch the video, so the background has the same conversion.
+    if (!converted || draw_context.mode == Translucency::retexture) {
+      upload(frame, reuse);
+      count(1);
+      return resampled ? resampled->draw(video, frame) : video.draw(frame);
+    }
+    video.let_go();
+    const bool same = reuse && converted->holds(frame);
+    framebuffer.write_part({0, 0, width, height},
+                           same ? converted->bytes() : converted->convert(frame));
+    stats[Counter::passes_drawn] += 1;
+    if (same) {
+      stats.kept.push_back({KeepReason::video});
+    } else {
+      stats[Counter::video_copies] = 1;
+    }
+    return {};
+  }
+
   [[nodiscard]] std::size_t image_bytes() const {
     return std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   }
@@ -236,7 +260,11 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!options.msaa && !on_gpu && can_read_depth()) impl->smoother.emplace();
   PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
-  if (rectified || size != video_size) impl->resampled.emplace(api, video_camera, camera);
+  if (rectified || size != video_size) {
+    impl->resampled.emplace(api, video_camera, camera);
+  } else if (options.video_on_cpu.value_or(!on_gpu) && impl->framebuffer.samples() == 0) {
+    impl->converted.emplace();
+  }
   // Reports errors of creating models, textures and programs.
   if (const auto error = take_gl_error(context.info()))
     return fail("{}: {}", impl->scene.file, gl_error_text(*error));
@@ -278,9 +306,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
   const Stopwatch render_clock;
   m.framebuffer.bind();
-  m.upload(frame, plan.reuse);
-  const auto drawn = m.resampled ? m.resampled->draw(m.video, frame) : m.video.draw(frame);
-  if (drawn) m.count(1);
+  const auto drawn = m.draw_video(context, plan.reuse);
   if (drawn && plan.has_pose) m.draw_passes(context, plan);
   if (m.gpu_timer) m.gpu_timer->end();
   if (!drawn) return tl::unexpected(drawn.error());

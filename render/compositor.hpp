@@ -37,6 +37,11 @@ struct CompositorOptions {
   // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(), and on a CPU rasteriser
   // edges are smoothed afterwards (edge_smoother.hpp). The driver may use more.
   std::optional<int> msaa = std::nullopt;
+  // Converts the video on the CPU in place of the shader (VideoRgba), except with `rectified`,
+  // another size, multisampling or Translucency::retexture. The video differs by at most 1 code;
+  // smoothed edges may differ more.
+  // nullopt: true on a CPU rasteriser.
+  std::optional<bool> video_on_cpu = std::nullopt;
   // Transfers the video, and images of request_image(), asynchronously through pixel buffers; they
   // do not change the image. nullopt: true, except on a CPU rasteriser, where the copies cost
   // time.

@@ -667,11 +667,11 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   PENUMBRA_ASSERT(state.lights.size() == scene.lights.size());
   FramePlan plan;
   plan.reuse = options.skip;
+  plan.translucency = options.translucency;
   if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
     plan.skipped.push_back({SkipReason::no_pose});
     return plan;
   }
-  plan.translucency = options.translucency;
   plan.layers = options.layers;
   plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));
   if (plan.overlay_opacity <= 0.0F) {

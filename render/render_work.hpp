@@ -29,7 +29,7 @@ enum class Counter : std::size_t {
   masks_drawn,          // masks of shadows on phantoms and objects, one per level
   masks_kept,           // masks on phantoms and objects, reused from an earlier frame
   // Reused video frames are not counted.
-  video_copies,             // video frames copied to the GPU
+  video_copies,             // video frames copied to the GPU, or converted by the CPU
   video_imports,            // video frames read in the camera's buffer
   pixel_buffer_uploads,     // video frames copied through pixel buffers
   pixel_buffer_read_backs,  // images of request_image() read through pixel buffers

@@ -17,7 +17,7 @@ struct DrawContext {
   Framebuffer& framebuffer;  // bound while passes draw
   Receivers& receivers;      // begin_frame() is called before passes draw
   const ObjectPainter& objects;
-  const VideoTexture& video;  // holds `frame` while passes draw
+  const VideoTexture& video;  // holds `frame` while passes draw, if a shader converts it
   const Frame& frame;
   // The format of the frame under the shadows; nullopt if the background is not the video 1:1.
   std::optional<PixelFormat> video_format;

@@ -93,14 +93,9 @@ VideoTexture::~VideoTexture() {
 }
 
 VideoTexture::Upload VideoTexture::upload(const Frame& frame, bool reuse) {
-  // Frames are immutable, so the same buffer with the same live owner is the same frame.
-  const bool same =
-      frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
-      !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
-  if (same && reuse) return Upload::there;
+  if (reuse && uploaded_.matches(frame)) return Upload::there;
   release(kMaxInUse);
-  uploaded_owner_ = frame.owner;
-  uploaded_data_ = frame.planes[0].data;
+  uploaded_.remember(frame);
   shows_imported_ = can_import_ && frame.dma_buf.descriptor >= 0 && import(frame);
   if (shows_imported_) return Upload::imported;
   const auto count = static_cast<std::size_t>(frame.plane_count);
@@ -205,6 +200,12 @@ Result<void> VideoTexture::draw(const Frame& frame) {
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
   return {};
+}
+
+void VideoTexture::let_go() {
+  release(0);
+  shows_imported_ = false;
+  uploaded_ = {};
 }
 
 void VideoTexture::hold(const Frame& frame) {

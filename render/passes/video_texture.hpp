@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/image/frame.hpp"
+#include "core/image/frame_identity.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/imported_texture.hpp"
@@ -71,6 +72,9 @@ class VideoTexture {
   // Must be called after the last draw call that reads the frame. An imported buffer returns to the
   // camera when the GPU has executed these calls.
   void hold(const Frame& frame);
+  // Returns all imported buffers, when the GPU has executed the calls that read them. For frames
+  // that are not uploaded.
+  void let_go();
 
  private:
   // One of the camera's buffers, as textures.
@@ -95,8 +99,7 @@ class VideoTexture {
   UploadBuffers buffers_;
   VertexArray no_vertices_;
   std::vector<Texture2d> textures_;
-  std::weak_ptr<const void> uploaded_owner_;
-  const std::uint8_t* uploaded_data_ = nullptr;
+  FrameIdentity uploaded_;
   bool can_import_ = false;
   std::deque<ImportedBuffer> imported_;  // the most recently used is last
   bool shows_imported_ = false;          // the frame is imported_.back(), not textures_

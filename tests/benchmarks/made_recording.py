@@ -1,4 +1,4 @@
-"""Makes a recording of 1280 x 720 by `penumbra simulate`, and the bundled scene with its helicopter in the air."""
+"""Makes a recording by `penumbra simulate`, and the bundled scene with its helicopter in the air."""
 import json
 import pathlib
 import subprocess
@@ -7,12 +7,15 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 FIRST_POSE = 45  # 1.5 s from the start
 
 
-def make(program, folder, frames):
+def make(program, folder, frames, size=(1280, 720)):
     """Simulates the bundled motion over the bundled tags without noise. Returns the recording's folder and the scene's file."""
     bundled = ROOT / "recordings" / "tabletop"
-    (folder / "camera.yaml").write_text("image_width: 1280\nimage_height: 720\ncamera_matrix: {rows: 3, cols: 3, data: [1063.4, 0, 644.6, 0, "
-                                        "1060.8, 355.2, 0, 0, 1]}\ndistortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, "
-                                        "data: [-0.215, 0.062, 0.0008, -0.0006, -0.004]}\n")
+    width, height = size
+    scale = width / 1280  # another size has the same horizontal field of view
+    (folder / "camera.yaml").write_text(
+        f"image_width: {width}\nimage_height: {height}\ncamera_matrix: {{rows: 3, cols: 3, data: [{1063.4 * scale:g}, 0, {644.6 * scale:g}, 0, "
+        f"{1060.8 * scale:g}, {355.2 * height / 720:g}, 0, 0, 1]}}\ndistortion_model: plumb_bob\ndistortion_coefficients: {{rows: 1, cols: 5, "
+        "data: [-0.215, 0.062, 0.0008, -0.0006, -0.004]}\n")
     poses = [line for line in (bundled / "groundtruth.tum").read_text().splitlines() if not line.startswith("#")]
     (folder / "poses.tum").write_text("\n".join(poses[FIRST_POSE:FIRST_POSE + frames]) + "\n")
     subprocess.run([program, "simulate", "board", "--camera", folder / "camera.yaml", "--tags", bundled / "tags.yaml", "--trajectory",

@@ -31,8 +31,8 @@ def measured():
 
 
 def costs():
-    """Returns mode -> instructions relative to a simple shadow."""
-    line = re.compile(rf"^\| {TRIANGLES} \| moving \| layered \| ([\w-]+) \| [\d.]+ \| ([\d.]+) \|")
+    """Returns mode -> instructions of the shadow relative to a simple one."""
+    line = re.compile(rf"^\| {TRIANGLES} \| moving \| layered \| ([\w-]+) \| [\d.]+ \| [\d.]+ \| ([\d.]+) \|")
     found = (line.match(text) for text in (PAGES / "instructions.md").read_text().splitlines())
     return {match.group(1): float(match.group(2)) for match in found if match}
 
@@ -57,7 +57,7 @@ def draw(file):
         return
     top, names, each = 96, 210, 150
     lines = [(label, mode) for label, mode, *_ in rows]
-    panels = [("instructions / simple", [cost[mode] for _, mode in lines], lambda v: f"{v:.2f}"),
+    panels = [("shadow's instructions / simple", [cost[mode] for _, mode in lines], lambda v: f"{v:.2f}"),
               ("density off by, at most", [row[2] for row in rows], lambda v: f"{v:.3f}"),
               ("density sways by (1 sd)", [row[3] for row in rows], lambda v: f"{v:.3f}"),
               ("pixels that flip", [row[4] for row in rows], lambda v: f"{100 * v:.0f} %")]

@@ -95,9 +95,10 @@ std::shared_ptr<const Scene> solids() {
   return builder.build();
 }
 
-// Draws like the program, with smooth edges.
-Studio program_studio(std::shared_ptr<const Scene> scene, const CameraModel& camera) {
-  return {std::move(scene), camera, GlApi::gl33, {}};
+// Draws like the program, with smooth edges. `video_on_cpu` as in CompositorOptions.
+Studio program_studio(std::shared_ptr<const Scene> scene, const CameraModel& camera,
+                      std::optional<bool> video_on_cpu = std::nullopt) {
+  return {std::move(scene), camera, GlApi::gl33, {.video_on_cpu = video_on_cpu}};
 }
 
 RgbaImage image_of(const test::RenderedImage& image) {
@@ -114,8 +115,9 @@ SceneState lit(const Scene& scene, const View& view, double time_s,
 
 RgbaImage composite(const View& view, ShadowTechnique technique,
                     const std::shared_ptr<const Scene>& scene, double time_s,
-                    Translucency translucency = Translucency::automatic) {
-  Studio studio = program_studio(scene, view.camera);
+                    Translucency translucency = Translucency::automatic,
+                    std::optional<bool> video_on_cpu = std::nullopt) {
+  Studio studio = program_studio(scene, view.camera, video_on_cpu);
   PlanOptions options;
   options.technique = technique;
   options.translucency = translucency;
@@ -186,11 +188,18 @@ TEST_P(DefaultScene, CompositedFrameMatchesGolden) {
   const Case& c = GetParam();
   const auto view = half_size_view(c.recording, c.frame);
   ASSERT_TRUE(view) << view.error().message;
-  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
-  ASSERT_TRUE(scene) << scene.error().message;
+  const auto loaded = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const auto scene = std::make_shared<const Scene>(*loaded);
+  const double time_s = c.frame / 30.0;
+  const RgbaImage image = composite(*view, c.technique, scene, time_s);
   EXPECT_TRUE(matches_golden(
-      fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
-      composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
+      fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame), image));
+  // A shader converts the video if a GPU draws.
+  const RgbaImage by_shader =
+      composite(*view, c.technique, scene, time_s, Translucency::automatic, false);
+  EXPECT_NE(image.pixels, by_shader.pixels);
+  EXPECT_TRUE(compare(image, by_shader).acceptable());
 }
 
 // The default scene in the translucency modes other than blending.
@@ -220,12 +229,17 @@ TEST_P(TranslucentScene, CompositedFrameMatchesGolden) {
   const TranslucentCase& c = GetParam();
   const auto view = half_size_view("tabletop", c.frame);
   ASSERT_TRUE(view) << view.error().message;
-  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
-  ASSERT_TRUE(scene) << scene.error().message;
+  const auto loaded = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const auto scene = std::make_shared<const Scene>(*loaded);
+  const double time_s = c.frame / 30.0;
+  const RgbaImage image = composite(*view, c.technique, scene, time_s, c.translucency);
   EXPECT_TRUE(matches_golden(fmt::format("default__tabletop__{}-{}__{:06}", to_string(c.technique),
                                          to_string(c.translucency), c.frame),
-                             composite(*view, c.technique, std::make_shared<const Scene>(*scene),
-                                       c.frame / 30.0, c.translucency)));
+                             image));
+  const RgbaImage by_shader = composite(*view, c.technique, scene, time_s, c.translucency, false);
+  EXPECT_EQ(image.pixels == by_shader.pixels, c.translucency == Translucency::retexture);
+  EXPECT_TRUE(compare(image, by_shader).acceptable());
 }
 
 // The default scene, drawn without lens distortion.

@@ -95,10 +95,8 @@ TEST_F(PixelBufferOption, WritesSameFilesInReplay) {
         const auto with = read_json(path(on + ".json")), without = read_json(path(off + ".json"));
         EXPECT_EQ(with["gl"]["pixel_buffers"], true);
         EXPECT_EQ(without["gl"]["pixel_buffers"], false);
-        for (const char* counter : {"pixel_buffer_uploads", "pixel_buffer_read_backs"}) {
-          EXPECT_EQ(with["work"][counter], count) << counter;
-          EXPECT_EQ(without["work"][counter], 0) << counter;
-        }
+        EXPECT_EQ(with["work"]["pixel_buffer_read_backs"], count);
+        EXPECT_EQ(without["work"]["pixel_buffer_read_backs"], 0);
         for (const char* stage : {"readback", "encode", "render", "draw"}) {
           EXPECT_EQ(with["time_ms"][stage]["count"], count) << stage;
           EXPECT_EQ(without["time_ms"][stage]["count"], count) << stage;
@@ -110,13 +108,16 @@ TEST_F(PixelBufferOption, WritesSameFilesInReplay) {
 }
 
 TEST_F(PixelBufferOption, WritesSameFramesOnOpenGlEsAndInComparisons) {
-  const std::vector<std::string> arguments = {"replay", bundled("corner"), "--frames", "0:4"};
+  // Shadows that fetch the video upload it on every renderer.
+  const std::vector<std::string> arguments = {"replay", bundled("corner"), "--frames",
+                                              "0:4",    "--translucency",  "retexture"};
   const std::vector<std::string> embedded = {"MESA_GL_VERSION_OVERRIDE=3.1"};
   ASSERT_EQ(run("off", arguments, "off", embedded).exit_code, 0);
   ASSERT_EQ(run("on", arguments, "on", embedded).exit_code, 0);
   EXPECT_THAT(read_json(path("on.json"))["gl"]["version"].get<std::string>(),
               testing::HasSubstr("OpenGL ES 3"));
   EXPECT_EQ(read_json(path("on.json"))["work"]["pixel_buffer_read_backs"], 4);
+  EXPECT_EQ(read_json(path("on.json"))["work"]["pixel_buffer_uploads"], 4);
   EXPECT_EQ(contents_of(path("on")).size(), 4U);
   EXPECT_EQ(contents_of(path("on")), contents_of(path("off")));
 

@@ -86,16 +86,52 @@ std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
   return {clip(r), clip(g), clip(b)};
 }
 
+// The CPU's conversion of the video changes a frame without smooth edges by at most one code, and
+// is kept while the frame is the same.
+TEST(Compositor, DiffersByAtMostOneCodeWithVideoConvertedOnCpu) {
+  SceneBuilder builder;
+  builder.add(box(0.06, glm::vec4(0.8F, 0.4F, 0.2F, 1.0F)), test::at(0, 0, 0.1));
+  const auto scene = builder.build();
+  const CameraModel camera = test::camera_of(161, 121, 150.0);
+  Studio by_shader(scene, camera, GlApi::gl33, {.msaa = 0, .video_on_cpu = false});
+  Studio by_cpu(scene, camera, GlApi::gl33, {.msaa = 0, .video_on_cpu = true});
+  const PoseEstimate pose = test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  for (const Translucency mode :
+       {Translucency::blend, Translucency::mesh, Translucency::geometry_mesh}) {
+    SCOPED_TRACE(to_string(mode));
+    PlanOptions options;
+    options.translucency = mode;
+    const FramePlan plan = by_shader.plan(pose, options);
+    const Frame frame =
+        noise_frame(PixelFormat::nv12, 161, 121, ColorMatrix::bt601, ColorRange::full);
+    const RenderedImage expected = by_shader.draw(frame, plan);
+    const RenderedImage image = by_cpu.draw(frame, plan);
+    int worst = 0;
+    int different = 0;
+    for (std::size_t i = 0; i < image.rgba.size(); ++i) {
+      const int difference = std::abs(image.rgba[i] - expected.rgba[i]);
+      worst = std::max(worst, difference);
+      different += difference > 0 ? 1 : 0;
+    }
+    EXPECT_LE(worst, 1);
+    EXPECT_LT(different, static_cast<int>(image.rgba.size()) / 20);
+    EXPECT_EQ(by_cpu.stats()[Counter::video_copies], 1);
+    EXPECT_EQ(by_cpu.draw(frame, plan), image);
+    EXPECT_EQ(by_cpu.stats()[Counter::video_copies], 0) << "the frame is the same";
+  }
+}
+
 // A pass of the frame graph that draws counts once, for any number of draw calls.
 TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   SceneBuilder builder;
   builder.add(box(0.06, glm::vec4(1.0F)), test::at(0, 0, 0.1));
   builder.add(box(0.05, glm::vec4(1.0F)), test::at(0.1, 0, 0.06));
-  Studio studio(builder.build(), test::camera_of(160, 120, 150.0));
+  Studio studio(builder.build(), test::camera_of(160, 120, 150.0), GlApi::gl33,
+                {.msaa = 0, .video_on_cpu = true});
   const Frame frame = test::plain_frame(160, 120, 90);
   studio.draw(frame, FramePlan());
   EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "video only";
-  EXPECT_EQ(studio.stats()[Counter::draw_calls], 1);
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 0) << "the CPU converts the video";
 
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0})));
   ASSERT_EQ(plan.objects.size(), 2U);
@@ -109,14 +145,14 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   part.objects = plan.objects;
   studio.draw(frame, part);
   EXPECT_EQ(studio.stats()[Counter::passes_drawn], 2) << "video and objects";
-  EXPECT_EQ(studio.stats()[Counter::draw_calls], 3) << "video and two objects";
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 2) << "two objects";
   studio.draw(frame, plan);
   EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "video, objects and shadows";
-  EXPECT_GT(studio.stats()[Counter::draw_calls], 3);
+  EXPECT_GT(studio.stats()[Counter::draw_calls], 2);
   part.phantoms = plan.objects;
   studio.draw(frame, part);
   EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "phantoms are a separate pass";
-  EXPECT_EQ(studio.stats()[Counter::draw_calls], 5);
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 4);
 
   SceneBuilder glass;
   auto model = std::make_shared<Model>(*box(0.06, glm::vec4(1.0F, 1.0F, 1.0F, 0.5F)));
@@ -129,14 +165,16 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
       << "the video and the translucent object";
 }
 
-TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
+TEST(Compositor, DrawsVideoInEveryFormat) {
   SceneBuilder empty;
-  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+  for (const auto& [api, on_cpu] : {std::pair(GlApi::gl33, false), std::pair(GlApi::gles30, false),
+                                    std::pair(GlApi::gl33, true), std::pair(GlApi::gles30, true)}) {
     // In frames of odd size, half of the rightmost and lowest chroma samples lies outside. In large
     // frames a texel is a small fraction of the frame.
     for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{3841, 3},
                                         std::pair{4096, 2}, std::pair{5, 2161}}) {
-      Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);
+      Studio studio(empty.build(), test::camera_of(width, height, 50.0), api,
+                    {.msaa = 0, .video_on_cpu = on_cpu});
       for (const PixelFormat format :
            {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
             PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
@@ -153,8 +191,11 @@ TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
                 ASSERT_EQ(image.at(x, y)[3], 255);
               }
             }
-            // A GPU's texture filter may interpolate chroma with 8 bits of weight.
-            EXPECT_LE(worst, studio.context().info().software ? 0.51 : 0.6)
+            // A GPU's texture filter may interpolate chroma with 8 bits of weight. The fixed point
+            // of the CPU rounds values near the middle of two codes the other way.
+            EXPECT_LE(worst, on_cpu                             ? 0.6
+                             : studio.context().info().software ? 0.51
+                                                                : 0.6)
                 << static_cast<int>(format) << " " << width;
           }
         }

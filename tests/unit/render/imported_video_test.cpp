@@ -83,7 +83,8 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   for (const PixelFormat format : {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv,
                                    PixelFormat::nv12, PixelFormat::yuv420p, PixelFormat::yuv422p}) {
     test::SceneBuilder empty;
-    Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
+    Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam(),
+                  {.msaa = 0, .video_on_cpu = false});
     // Two buffers alternate, as a camera fills them; each is used three times.
     SharedBuffer first(kMaxBytes, 1), second(kMaxBytes, 2);
     std::int64_t imports = 0;

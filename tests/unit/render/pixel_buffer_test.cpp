@@ -21,7 +21,7 @@ using test::ReplacedGl;
 using test::Studio;
 
 CompositorOptions with_pixel_buffers(bool on) {
-  CompositorOptions options{.msaa = 0};
+  CompositorOptions options{.msaa = 0, .video_on_cpu = false};  // uploads the video
   options.pixel_buffers = on;
   return options;
 }

@@ -304,6 +304,9 @@ TEST(ScreenDoor, ThinsOutWithFadingPose) {
   EXPECT_EQ(seen, 60 * 60 / 2);
 }
 
+// Retexturing has the shader's conversion of the video.
+constexpr CompositorOptions kVideoByShader = {.msaa = 0, .video_on_cpu = false};
+
 // Retexturing must equal blending up to rounding: for shadows on planes, phantoms and objects, of
 // several lights, and for fading overlays.
 TEST(Retexture, MatchesBlending) {
@@ -313,7 +316,7 @@ TEST(Retexture, MatchesBlending) {
       // The short form draws each scene with one API.
       const bool first = &builder == &builders.front();
       if (!test::nightly() && first != (api == GlApi::gles30)) continue;
-      Studio studio(builder.build(), distorted_camera(), api);
+      Studio studio(builder.build(), distorted_camera(), api, kVideoByShader);
       const Frame frame = noise(PixelFormat::nv12);
       const auto poses = views();
       // Both APIs give the same frame (Translucency.DrawsSameFrameOnBothApis).
@@ -346,7 +349,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // behind the wall's plane
   builder.add(box(0.2, 0.2, 0.02), test::at(0.05, 0.0, -0.015));  // below the table
   builder.scene().shadows[0].casters = {0, 1, 2};
-  Studio studio(builder.build(), distorted_camera());
+  Studio studio(builder.build(), distorted_camera(), GlApi::gl33, kVideoByShader);
   const Frame frame = noise(PixelFormat::yuyv);
   std::size_t cases = 0;
   for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
