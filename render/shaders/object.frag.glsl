@@ -106,6 +106,12 @@ vec3 environment_light(vec3 point, vec3 direction, float rough) {
 }
 #endif
 
+// Costs a tenth of pow().
+float fifth_power(float x) {
+  float square = x * x;
+  return square * square * x;
+}
+
 void main() {
   vec3 view = normalize(eye - table_point);
   vec3 n = surface_normal(table_normal, view);
@@ -177,12 +183,12 @@ void main() {
     float d = n_h * n_h * (alpha2 - 1.0) + 1.0;
     float visibility = 0.5 / (n_l * sqrt(alpha2 + (1.0 - alpha2) * n_v * n_v) +
                               n_v * sqrt(alpha2 + (1.0 - alpha2) * n_l * n_l));
-    vec3 fresnel = f0 + (1.0 - f0) * pow(max(1.0 - v_h, 0.0), 5.0);
+    vec3 fresnel = f0 + (1.0 - f0) * fifth_power(max(1.0 - v_h, 0.0));
     vec3 specular = fresnel * between_facets * (alpha2 / (d * d) * visibility);
     sum += (diffuse * (1.0 - fresnel) + specular) * light_color[i].rgb * n_l;
   }
   vec3 mirror = reflect(-view, n);
-  vec3 ambient_fresnel = f0 + (max(vec3(1.0 - rough), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
+  vec3 ambient_fresnel = f0 + (max(vec3(1.0 - rough), f0) - f0) * fifth_power(max(1.0 - n_v, 0.0));
   sum += occlusion * diffuse * hemisphere(n.z);
   vec3 arriving = hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
 #if defined(REFLECTS)
