@@ -25,7 +25,7 @@ namespace {
 constexpr double kRulerMm = 100.0;    // nominal length of the ruler on the sheet
 constexpr double kMinRulerMm = 50.0;  // shorter or longer: a wrong measurement
 constexpr double kMaxRulerMm = 200.0;
-constexpr double kCheck_s = 5.0;           // length of the session that checks the result
+constexpr double kCheck_s = 3.0;           // length of the session that checks the result
 constexpr double kMinTrackedShare = 0.75;  // of its frames
 
 struct SetupOptions {
