@@ -67,7 +67,7 @@ def draw(file):
            f'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" font-size="12">',
            f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
            f'<text x="20" y="30" font-size="18" font-weight="600" fill="{INK}">Shadows that let the video shine through</text>',
-           f'<text x="20" y="50" fill="{FAINT}">cost of a frame, {TRIANGLES} triangles; densities of layers in 16 x 16 px windows; pixels that change '
+           f'<text x="20" y="50" fill="{FAINT}">cost of a shadow, {TRIANGLES} triangles; densities of layers in 16 x 16 px windows; pixels that change '
            f'where the camera moves by 0.37 px</text>']
     for i, (label, mode) in enumerate(lines):
         out.append(f'<text x="20" y="{top + 24 * i + 12}" fill="{COLOURS[mode]}">{label}</text>')
