@@ -193,7 +193,7 @@ struct Compositor::Impl {
       count(1);
       return resampled ? resampled->draw(video, frame) : video.draw(frame);
     }
-    video.let_go();
+    video.release_all();
     const bool same = reuse && converted->holds(frame);
     framebuffer.write_part({0, 0, width, height},
                            same ? converted->bytes() : converted->convert(frame));

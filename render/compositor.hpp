@@ -39,8 +39,7 @@ struct CompositorOptions {
   std::optional<int> msaa = std::nullopt;
   // Converts the video on the CPU in place of the shader (VideoRgba), except with `rectified`,
   // another size, multisampling or Translucency::retexture. The video differs by at most 1 code;
-  // smoothed edges may differ more.
-  // nullopt: true on a CPU rasteriser.
+  // smoothed edges may differ more. nullopt: true on a CPU rasteriser.
   std::optional<bool> video_on_cpu = std::nullopt;
   // Transfers the video, and images of request_image(), asynchronously through pixel buffers; they
   // do not change the image. nullopt: true, except on a CPU rasteriser, where the copies cost

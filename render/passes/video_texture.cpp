@@ -202,7 +202,7 @@ Result<void> VideoTexture::draw(const Frame& frame) {
   return {};
 }
 
-void VideoTexture::let_go() {
+void VideoTexture::release_all() {
   release(0);
   shows_imported_ = false;
   uploaded_ = {};

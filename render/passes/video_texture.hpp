@@ -72,9 +72,9 @@ class VideoTexture {
   // Must be called after the last draw call that reads the frame. An imported buffer returns to the
   // camera when the GPU has executed these calls.
   void hold(const Frame& frame);
-  // Returns all imported buffers, when the GPU has executed the calls that read them. For frames
-  // that are not uploaded.
-  void let_go();
+  // Waits for the GPU and returns all imported buffers to the camera. For frames that the CPU
+  // converts.
+  void release_all();
 
  private:
   // One of the camera's buffers, as textures.

@@ -64,6 +64,10 @@ TEST(FramePlan, DrawsNothingWithoutPose) {
   EXPECT_FALSE(plan.has_pose);
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
   EXPECT_THAT(skip_names(plan), testing::ElementsAre("no_pose"));
+  // The mode decides how the video is converted, so the background does not change with the pose.
+  PlanOptions retextured;
+  retextured.translucency = Translucency::retexture;
+  EXPECT_EQ(plan_of(builder, lost, retextured).translucency, Translucency::retexture);
   EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "overlay: no pose");
 
   PoseEstimate broken = above();

@@ -77,6 +77,25 @@ Frame noise(PixelFormat format, int width, int height, unsigned seed) {
 
 class ImportedVideo : public testing::TestWithParam<GlApi> {};
 
+// A frame is uploaded for retextured shadows, and the CPU converts the next ones.
+TEST_P(ImportedVideo, ReturnsBufferWhenCpuConvertsNextFrames) {
+  test::SceneBuilder empty;
+  Studio studio(empty.build(), test::camera_of(64, 48, 50.0), GetParam(),
+                {.msaa = 0, .video_on_cpu = true});
+  FramePlan retextured;
+  retextured.translucency = Translucency::retexture;
+  for (unsigned i = 0; i < 3; ++i) {
+    SharedBuffer buffer(std::size_t{64} * 48 * 4, i);
+    Frame shared = buffer.filled(noise(PixelFormat::nv12, 64, 48, i));
+    studio.draw(shared, retextured);
+    EXPECT_EQ(studio.stats()[Counter::draw_calls], 1) << "the shader draws the video";
+    const std::weak_ptr<const void> owner = shared.owner;
+    shared = noise(PixelFormat::nv12, 64, 48, 10 + i);
+    studio.draw(shared, FramePlan());
+    EXPECT_TRUE(owner.expired());
+  }
+}
+
 TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   constexpr int kWidth = 64, kHeight = 48;
   constexpr std::size_t kMaxBytes = std::size_t{kWidth} * kHeight * 4;
